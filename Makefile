@@ -1,0 +1,30 @@
+PYTHON ?= python
+
+.DEFAULT_GOAL := help
+.PHONY: help install format lint type test bench docs
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+install: ## Install in place, with everything a developer needs
+	$(PYTHON) -m pip install -e ".[dev]"
+
+format: ## Format the code and mend what can be mended
+	$(PYTHON) -m ruff format .
+	$(PYTHON) -m ruff check --fix .
+
+lint: ## Check style without changing anything
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+
+type: ## Check the types
+	$(PYTHON) -m mypy
+
+test: ## Run the tests
+	$(PYTHON) -m pytest
+
+bench: ## Measure every speed the README names
+	$(PYTHON) scripts/benchmark.py
+
+docs: ## Compute the tables and figures of docs/results again (a long time)
+	$(PYTHON) scripts/reproduce.py fig_3_4

@@ -1,0 +1,61 @@
+"""Direct policy search: algorithms that learn a policy without learning values first.
+
+The public names below are imported on first use, so that ``import dpsearch`` costs nothing and
+``import dpsearch.envs`` needs no PyTorch.
+"""
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dpsearch.algos.rpg import RPG as RPG
+    from dpsearch.algos.rpg import RPGConfig as RPGConfig
+    from dpsearch.policies import PolicyRunner as PolicyRunner
+    from dpsearch.policies import RecurrentPolicy as RecurrentPolicy
+    from dpsearch.rollout import collect as collect
+    from dpsearch.rollout import evaluate as evaluate
+
+    __version__: str
+
+# Public name -> the module it comes from: the imports above, for the interpreter.
+_HOMES = {
+    "RPG": "dpsearch.algos.rpg",
+    "RPGConfig": "dpsearch.algos.rpg",
+    "PolicyRunner": "dpsearch.policies",
+    "RecurrentPolicy": "dpsearch.policies",
+    "collect": "dpsearch.rollout",
+    "evaluate": "dpsearch.rollout",
+}
+
+__all__ = ["RPG", "PolicyRunner", "RPGConfig", "RecurrentPolicy", "__version__", "collect", "evaluate"]
+
+# In a checkout, envs/ and configs/ stand beside this package; once installed, inside it.
+_root = Path(__file__).parent.parent
+if (_root / "pyproject.toml").is_file() and (_root / "envs" / "__init__.py").is_file():
+    __path__.append(str(_root))
+
+
+def __getattr__(name: str) -> object:
+    value: object
+    if name == "__version__":
+        value = _version()
+    elif name in _HOMES:
+        value = getattr(import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value  # found directly from now on
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(__all__))
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("dpsearch")
+    except PackageNotFoundError:  # a checkout that was never installed
+        return "0+unknown"

@@ -1,0 +1,306 @@
+"""What all algorithms share: an environment's rollouts, a policy, counters, learn, predict, save and load."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, ClassVar, Generic, Self, TypeGuard, TypeVar
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from dpsearch.algos.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from dpsearch.kernels.philox import stream_key
+from dpsearch.policies import PolicyConfig, RecurrentPolicy
+from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions
+from dpsearch.rollout import Episodes, Rollouts, make_rollouts
+
+TRAINING, EVALUATION, WEIGHTS = 1, 2, 3  # purposes of a seed's streams
+RECENT_EPISODES = 100  # training episodes whose mean return is reported, and evaluation episodes that decide "solved"
+
+Env = str | gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any] | Callable[[], gym.Env[Any, Any]] | Rollouts
+Metrics = dict[str, float]
+ConfigT = TypeVar("ConfigT")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a policy achieves over E episodes.
+
+    Attributes:
+        returns: ``(E,)`` undiscounted.
+        lengths: ``(E,)`` steps.
+    """
+
+    returns: NDArray[np.float64]
+    lengths: NDArray[np.int64]
+
+    @property
+    def mean_return(self) -> float:
+        """Mean undiscounted return."""
+        return float(self.returns.mean())
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean return; NaN for a single episode."""
+        return float(self.returns.std(ddof=1) / np.sqrt(len(self.returns))) if len(self.returns) > 1 else float("nan")
+
+    @property
+    def mean_length(self) -> float:
+        """Mean number of steps."""
+        return float(self.lengths.mean())
+
+
+class Algorithm(ABC, Generic[ConfigT]):
+    """Learns a policy for an environment.
+
+    A run is a function of (env, config, policy, seed): randomness is keyed by the episode's number, so the same run
+    comes out bit for bit with any number of threads, and when it goes on from a checkpoint.
+
+    Args:
+        env: A Gymnasium id, environment, vector environment, factory, or ready ``Rollouts``.
+        config: The algorithm's settings; its defaults if None.
+        policy: The policy to train, or the architecture of a new one.
+        seed: Seed of everything random, in [0, 2**64).
+        threads: Threads of the lane engine; results do not depend on it.
+        env_kwargs: Arguments of the environment, when ``env`` is an id.
+        **overrides: Single settings of ``config``, by name.
+
+    Raises:
+        ValueError: If a setting is out of range, or the environment is unknown or refuses its arguments.
+        UnsupportedSpaceError: If no policy can handle the environment's spaces.
+    """
+
+    name: ClassVar[str]
+    config_type: ClassVar[type[Any]]
+    deterministic_policy: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        env: Env,
+        config: ConfigT | None = None,
+        *,
+        policy: PolicyConfig | RecurrentPolicy | None = None,
+        seed: int = 0,
+        threads: int = 1,
+        env_kwargs: dict[str, Any] | None = None,
+        **overrides: Any,
+    ) -> None:
+        self.config: ConfigT = dataclasses.replace(config or self.config_type(), **overrides)
+        self.seed = seed
+        self.training_key = stream_key(seed, TRAINING)
+        self.evaluation_key = stream_key(seed, EVALUATION)
+        self.env_id = env if isinstance(env, str) else None
+        self.env_kwargs = env_kwargs or {}
+        self.rollouts: Rollouts = (
+            make_rollouts(env, threads=threads, env_kwargs=env_kwargs) if not _is_rollouts(env) else env
+        )
+        if isinstance(policy, RecurrentPolicy):
+            self.policy = policy
+        else:
+            self.policy = RecurrentPolicy.for_spaces(
+                self.rollouts.observation_space,
+                self.rollouts.action_space,
+                policy,
+                deterministic=self.deterministic_policy,
+                seed=stream_key(seed, WEIGHTS) >> 1,  # torch takes 63 bits
+            )
+        self.updates = 0
+        self.episodes = 0
+        self.env_steps = 0
+        self.solved = False
+        self.recent_returns: deque[float] = deque(maxlen=RECENT_EPISODES)
+        self._predictions = np.random.default_rng(seed)
+
+    @abstractmethod
+    def update(self) -> Metrics:
+        """One iteration: play, learn, count. Returns scalars to log."""
+
+    def learn(
+        self,
+        *,
+        total_steps: int | None = None,
+        total_episodes: int | None = None,
+        total_updates: int | None = None,
+        until_solved: bool = False,
+        callback: Callable[[Self, Metrics], bool | None] | None = None,
+    ) -> Self:
+        """Update until a limit is reached, counted from the very beginning of the run.
+
+        Args:
+            total_steps: Environment steps.
+            total_episodes: Episodes.
+            total_updates: Updates.
+            until_solved: Stop when ``check_solved`` says so.
+            callback: Called after each update with the algorithm and its metrics; False stops.
+
+        Raises:
+            ValueError: If nothing would ever stop it.
+        """
+        if until_solved and self.rollouts.reward_threshold is None:
+            raise ValueError("until_solved needs an environment with a reward_threshold; this one has none")
+        limits = (total_steps, total_episodes, total_updates)
+        if all(limit is None for limit in limits) and not until_solved and callback is None:
+            raise ValueError("learn() needs total_steps, total_episodes, total_updates, until_solved or a callback")
+        while not self.solved:
+            counts = (self.env_steps, self.episodes, self.updates)
+            if any(limit is not None and count >= limit for count, limit in zip(counts, limits, strict=True)):
+                break
+            metrics = self.update()
+            if until_solved:
+                self.solved = self.check_solved()
+            if callback is not None and callback(self, metrics) is False:
+                break
+        return self
+
+    def play_batch(self, n_episodes: int) -> Episodes:
+        """The next training episodes of this run, counted.
+
+        Raises:
+            FloatingPointError: If the environment paid a reward that is not finite.
+        """
+        episodes = self.rollouts.collect(
+            self.policy, n_episodes, key=self.training_key, first_episode=self.episodes
+        )
+        if not np.isfinite(episodes.returns).all():
+            worst = self.episodes + int(np.argmin(np.isfinite(episodes.returns)))
+            raise FloatingPointError(f"the environment paid a reward that is NaN or infinite in episode {worst}")
+        self.episodes += n_episodes
+        self.env_steps += episodes.steps
+        self.recent_returns.extend(episodes.returns.tolist())
+        return episodes
+
+    def check_solved(self) -> bool:
+        """Whether 100 evaluation episodes of the stochastic policy reach the environment's reward threshold.
+
+        They are played only when the last 100 training episodes did: evaluating an unskilled policy is slow.
+        """
+        threshold = self.rollouts.reward_threshold
+        if threshold is None or len(self.recent_returns) < RECENT_EPISODES:
+            return False
+        if np.mean(self.recent_returns) < threshold:
+            return False
+        return self.evaluate(RECENT_EPISODES).mean_return >= threshold
+
+    def evaluate(self, n_episodes: int = 100, *, deterministic: bool = False) -> Evaluation:
+        """Play episodes without learning from them.
+
+        Args:
+            n_episodes: How many.
+            deterministic: Greedy actions instead of sampled ones.
+        """
+        episodes = self.rollouts.collect(
+            self.policy,
+            n_episodes,
+            key=self.evaluation_key,
+            first_episode=self.updates * RECENT_EPISODES,
+            greedy=deterministic,
+            record=False,
+        )
+        return Evaluation(episodes.returns, episodes.lengths)
+
+    def predict(
+        self,
+        observation: Any,
+        state: NDArray[np.float32] | None = None,
+        episode_start: NDArray[np.bool_] | bool | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Any, NDArray[np.float32]]:
+        """The policy's action for one environment, or for several at once.
+
+        Args:
+            observation: An element of the environment's observation space, or a batch of B of them.
+            state: What the last call returned; None at the start.
+            episode_start: ``(B,)``, True where a new episode begins: that memory is wiped first.
+            deterministic: The greedy action instead of a sampled one.
+
+        Returns:
+            The action, or ``(B, ..)`` actions, in the environment's own units; and the memory to pass next time.
+        """
+        space = self.rollouts.observation_space
+        single = space.contains(observation)
+        flat = flatten_observations(space, batch_one(space, observation) if single else observation)
+        memory = np.zeros((len(flat), self.policy.state_size), np.float32) if state is None else state.copy()
+        if episode_start is not None:
+            memory[np.broadcast_to(episode_start, len(flat))] = 0.0
+        uniforms = None if deterministic else self._predictions.random((len(flat), self.policy.head.draws))
+        actions, after = self.policy.act(
+            torch.from_numpy(flat),
+            torch.from_numpy(memory),
+            None if uniforms is None else torch.from_numpy(uniforms),
+        )
+        env_actions = to_env_actions(self.rollouts.action_space, actions.numpy())
+        return (env_actions[0] if single else env_actions), after.numpy()
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that the rest of the run depends on, as tensors and plain values."""
+        return {
+            "policy": self.policy.state_dict(),
+            "updates": self.updates,
+            "episodes": self.episodes,
+            "env_steps": self.env_steps,
+            "solved": self.solved,
+            "recent_returns": list(self.recent_returns),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on exactly where ``state_dict`` was taken."""
+        self.policy.load_state_dict(state["policy"])
+        self.updates = state["updates"]
+        self.episodes = state["episodes"]
+        self.env_steps = state["env_steps"]
+        self.solved = state["solved"]
+        self.recent_returns = deque(state["recent_returns"], maxlen=RECENT_EPISODES)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write everything to one file, from which ``load`` goes on bit for bit."""
+        write_checkpoint(
+            path,
+            {
+                "algo": self.name,
+                "config": dataclasses.asdict(self.config),  # type: ignore[call-overload]
+                "policy": self.policy.config(),
+                "env": self.env_id,
+                "env_kwargs": self.env_kwargs,
+                "seed": self.seed,
+                "state": self.state_dict(),
+            },
+        )
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], env: Env | None = None, *, threads: int = 1) -> Self:
+        """The algorithm as ``save`` left it.
+
+        Args:
+            path: The file.
+            env: The environment; may be left out if it was given by its id.
+            threads: Threads of the lane engine.
+
+        Raises:
+            CheckpointError: If the file is truncated, corrupt, of another algorithm, or needs ``env``.
+        """
+        content = read_checkpoint(path)
+        if content["algo"] != cls.name:
+            raise CheckpointError(f"{path} was saved by algorithm {content['algo']!r}, not {cls.name!r}")
+        if env is None and content["env"] is None:
+            raise CheckpointError(f"{path} does not know its environment's id: give load(path, env=...)")
+        algorithm = cls(
+            content["env"] if env is None else env,
+            cls.config_type(**content["config"]),
+            policy=PolicyConfig(**content["policy"]),
+            seed=content["seed"],
+            threads=threads,
+            env_kwargs=content["env_kwargs"] if env is None or isinstance(env, str) else None,
+        )
+        algorithm.load_state_dict(content["state"])
+        return algorithm
+
+
+def _is_rollouts(env: Env) -> TypeGuard[Rollouts]:
+    return hasattr(env, "collect") and hasattr(env, "evaluate")

@@ -1,0 +1,56 @@
+"""Checkpoints: one file, written beside its place and then renamed, so that a kill never leaves half of one."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+
+FORMAT = 1
+
+
+class CheckpointError(RuntimeError):
+    """A checkpoint cannot be read or does not fit."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a run depends on."""
+    packages = {name: version(name) for name in ("dpsearch", "torch", "numpy", "gymnasium", "numba")}
+    return {"python": platform.python_version(), **packages}
+
+
+def write_checkpoint(path: str | os.PathLike[str], content: dict[str, Any]) -> None:
+    """Write tensors, numbers, strings and containers of these, atomically.
+
+    Raises:
+        OSError: If the folder is missing or not writable.
+    """
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.part")
+    with open(beside, "wb") as file:
+        torch.save({"format": FORMAT, "versions": versions(), **content}, file)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(beside, path)
+
+
+def read_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read what ``write_checkpoint`` wrote; nothing in the file is executed.
+
+    Raises:
+        CheckpointError: If there is no such file, or it is truncated, corrupt or of another format.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise CheckpointError(f"no checkpoint at {path}")
+    try:
+        content = torch.load(path, weights_only=True)
+    except Exception as error:
+        raise CheckpointError(f"{path} is truncated or not a checkpoint ({type(error).__name__})") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise CheckpointError(f"{path} is not a dpsearch checkpoint of format {FORMAT}")
+    return content

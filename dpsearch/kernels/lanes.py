@@ -1,0 +1,106 @@
+"""The layout every kernel shares: episodes run in lanes, stepped in lock-step, the lane as the last axis.
+
+An array of lane values is ``(rows, LANES)`` and C-contiguous, so that one row is one run of memory and LLVM turns a
+loop over its lanes into SIMD. A kernel is a handful of compiled functions with the signatures below. They are passed
+around as first-class functions of explicit type, because that is the one way of composing Numba functions whose
+result is found again in the on-disk cache; the indirect call costs nothing when it covers a whole block of lanes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core.types.function_type import CompileResultWAP
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+LANES = 16
+"""Episodes in a block. 16 doubles are two AVX-512 registers or four AVX2 ones: enough to hide latency in both."""
+
+FASTMATH = {"contract", "nsz", "arcp"}
+"""Freedom for the compiler that keeps infinities and NaN meaningful and never reorders a sum."""
+
+FLOATS = types.float64[::1]
+INTS = types.int64[::1]
+ROWS = types.float64[:, ::1]
+
+RESET = types.void(FLOATS, INTS, ROWS, types.int64, ROWS)
+"""``reset(floats, ints, noise, lane, state)``: puts one lane of ``state`` at the start of an episode."""
+
+OBSERVE = types.void(FLOATS, INTS, ROWS, ROWS)
+"""``observe(floats, ints, state, observation)``: writes what every lane sees now."""
+
+STEP = types.void(FLOATS, INTS, ROWS, ROWS, ROWS, FLOATS, types.boolean[::1])
+"""``step(floats, ints, noise, action, state, reward, terminated)``: moves every lane on by one step."""
+
+FORWARD_SHARED = types.void(INTS, FLOATS, ROWS, ROWS, ROWS, ROWS)
+"""``forward(sizes, weights, observation, hidden, scratch, output)`` with one weight vector ``(P,)`` for all lanes."""
+
+FORWARD_LANES = types.void(INTS, ROWS, ROWS, ROWS, ROWS, ROWS)
+"""The same with weights ``(P, LANES)``: every lane its own candidate."""
+
+SAMPLE = types.void(INTS, ROWS, ROWS, ROWS)
+"""``sample(sizes, noise, output, action)``: turns the outputs of a policy into actions."""
+
+Compiled = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class EnvKernel:
+    """The compiled dynamics of an environment: what an environment gives to be played by the lane engine.
+
+    Attributes:
+        reset: Compiled function of signature ``RESET``.
+        observe: Compiled function of signature ``OBSERVE``.
+        step: Compiled function of signature ``STEP``. It must be safe on lanes whose episode has ended.
+        floats: Real parameters, ``(n,)`` float64, passed to all three.
+        ints: Whole parameters, ``(m,)`` int64, passed to all three.
+        state_size: Rows of ``state``. All of an episode's memory is there: kernels are pure functions.
+        observation_size: Rows of ``observation``, the length of the flat observation.
+        action_size: Rows of ``action``: 1 for a discrete action, the dimension for a continuous one.
+        draws: Uniform numbers in (0, 1) that ``reset`` and ``step`` each find in a lane's column of ``noise``, which
+            has ``noise_rows(draws)`` rows.
+    """
+
+    reset: Compiled
+    observe: Compiled
+    step: Compiled
+    floats: NDArray[np.float64]
+    ints: NDArray[np.int64]
+    state_size: int
+    observation_size: int
+    action_size: int = 1
+    draws: int = 4
+
+
+@cache
+def first_class(function: Compiled, signature: Any) -> Any:
+    """A compiled function as the first-class value that other compiled code takes.
+
+    Passing the dispatcher itself works too, but then Numba looks its overload up anew at every call, which costs more
+    than a whole small batch of episodes.
+    """
+    return CompileResultWAP(function.get_compile_result(signature))  # type: ignore[attr-defined]
+
+
+def noise_rows(draws: int) -> int:
+    """Rows that a noise array needs for ``draws`` numbers a lane: the generator makes them four at a time."""
+    return 4 * -(-draws // 4)
+
+
+@intrinsic
+def fetch_add(typing_context: Any, counter: Any) -> Any:
+    """Return ``counter[0]`` and add one to it, atomically: how threads share one queue of episodes."""
+    signature = types.int64(INTS)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = context.make_array(signature.args[0])(context, builder, args[0]).data
+        return builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "monotonic")
+
+    return signature, codegen

@@ -1,0 +1,15 @@
+"""Policies: recurrent cores, action heads, their compiled twins, and a runner that keeps their memory."""
+
+from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
+from dpsearch.policies.recurrent import PolicyConfig, RecurrentPolicy
+from dpsearch.policies.spaces import UnsupportedSpaceError
+
+__all__ = [
+    "Categorical",
+    "Deterministic",
+    "Gaussian",
+    "Head",
+    "PolicyConfig",
+    "RecurrentPolicy",
+    "UnsupportedSpaceError",
+]

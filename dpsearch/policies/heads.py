@@ -1,0 +1,158 @@
+"""Action heads: how the outputs of a network are read as a distribution over actions.
+
+A head has no parameters. It says how many outputs the network needs and turns them into actions, log-probabilities and
+entropies. Sampling maps given uniform numbers to actions by inverting the distribution, in torch here and in compiled
+code in ``compiled.py``, so that keyed randomness gives the same action on every engine.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class Head(ABC):
+    """A distribution over actions, parametrised by a network's outputs ``(..., n_outputs)``.
+
+    Attributes:
+        n_outputs: How many numbers the network has to give.
+        action_size: Numbers in one action; actions are ``(..., action_size)``.
+        draws: Uniform numbers that sampling one action uses up.
+    """
+
+    n_outputs: int
+    action_size: int
+    draws: int
+
+    @abstractmethod
+    def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        """log pi(a|h) ``(...)`` of actions ``(..., action_size)``."""
+
+    @abstractmethod
+    def entropy(self, outputs: Tensor) -> Tensor:
+        """The entropy of pi(.|h) in nats, ``(...)``."""
+
+    @abstractmethod
+    def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
+        """The actions ``(..., action_size)`` that the uniform numbers ``(..., draws)`` in (0, 1) pick."""
+
+    @abstractmethod
+    def mode(self, outputs: Tensor) -> Tensor:
+        """The most probable actions ``(..., action_size)``: what the greedy policy does."""
+
+    def variance(self, outputs: Tensor) -> Tensor:
+        """sigma^2 of the actions ``(...)``, without gradient, the mean over their dimensions."""
+        raise TypeError(f"variance_scaled needs a Gaussian policy, this one's head is {type(self).__name__}")
+
+
+class Categorical(Head):
+    """Softmax over discrete actions (section 3.4.2); several independent ones for a MultiDiscrete space.
+
+    Args:
+        sizes: The number of choices of each discrete action.
+    """
+
+    def __init__(self, sizes: Sequence[int]) -> None:
+        if not sizes or min(sizes) < 1:
+            raise ValueError(f"a categorical head needs one positive size or more, got {tuple(sizes)}")
+        self.sizes = tuple(int(n) for n in sizes)
+        self.n_outputs = sum(self.sizes)
+        self.action_size = len(self.sizes)
+        self.draws = len(self.sizes)
+
+    def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        parts = [
+            torch.log_softmax(logits, dim=-1).gather(-1, actions[..., i : i + 1].long()).squeeze(-1)
+            for i, logits in enumerate(outputs.split(self.sizes, dim=-1))
+        ]
+        return parts[0] if len(parts) == 1 else torch.stack(parts).sum(0)
+
+    def entropy(self, outputs: Tensor) -> Tensor:
+        log_p = [torch.log_softmax(logits, dim=-1) for logits in outputs.split(self.sizes, dim=-1)]
+        return -sum(((p.exp() * p).sum(-1) for p in log_p), start=torch.zeros(()))
+
+    def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
+        picks = []
+        for i, logits in enumerate(outputs.split(self.sizes, dim=-1)):
+            cumulative = torch.softmax(logits.double(), dim=-1).cumsum(-1)
+            below = cumulative[..., :-1] <= uniforms[..., i : i + 1]
+            picks.append(below.sum(-1))
+        return torch.stack(picks, dim=-1)
+
+    def mode(self, outputs: Tensor) -> Tensor:
+        return torch.stack([logits.argmax(-1) for logits in outputs.split(self.sizes, dim=-1)], dim=-1)
+
+
+class Gaussian(Head):
+    """Independent Gaussians with linear mean and sigmoid standard deviation (section 3.4.1).
+
+    The outputs are the ``size`` means followed by the ``size`` raw standard deviations.
+
+    Args:
+        size: Dimension of the action.
+    """
+
+    def __init__(self, size: int) -> None:
+        if size < 1:
+            raise ValueError(f"a Gaussian head needs at least one action dimension, got {size}")
+        self.size = size
+        self.n_outputs = 2 * size
+        self.action_size = size
+        self.draws = 2 * size
+
+    def _mean_and_std(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        return outputs[..., : self.size], torch.sigmoid(outputs[..., self.size :])
+
+    def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        mean, std = self._mean_and_std(outputs)
+        log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
+        return (-0.5 * ((actions - mean) / std) ** 2 - log_std - LOG_SQRT_2PI).sum(-1)
+
+    def entropy(self, outputs: Tensor) -> Tensor:
+        log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
+        return (log_std + 0.5 + LOG_SQRT_2PI).sum(-1)
+
+    def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
+        mean, std = self._mean_and_std(outputs)
+        radius = torch.sqrt(-2.0 * torch.log(uniforms[..., 0::2]))
+        normal = radius * torch.cos(2.0 * math.pi * uniforms[..., 1::2])  # Box and Muller
+        return mean + std * normal.to(mean.dtype)
+
+    def mode(self, outputs: Tensor) -> Tensor:
+        return outputs[..., : self.size]
+
+    def variance(self, outputs: Tensor) -> Tensor:
+        return self._mean_and_std(outputs)[1].detach().square().mean(-1)
+
+
+class Deterministic(Head):
+    """The outputs, squashed by tanh, are the action: for black-box search, which needs no probabilities.
+
+    Args:
+        size: Dimension of the action, each in (-1, 1).
+    """
+
+    def __init__(self, size: int) -> None:
+        if size < 1:
+            raise ValueError(f"a deterministic head needs at least one action dimension, got {size}")
+        self.n_outputs = size
+        self.action_size = size
+        self.draws = 0
+
+    def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        raise TypeError("a deterministic head has no log-probabilities: use it with a black-box search")
+
+    def entropy(self, outputs: Tensor) -> Tensor:
+        raise TypeError("a deterministic head has no entropy: use it with a black-box search")
+
+    def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
+        return self.mode(outputs)
+
+    def mode(self, outputs: Tensor) -> Tensor:
+        return torch.tanh(outputs)

@@ -1,0 +1,206 @@
+"""The policy: a recurrent core that remembers, a linear read-out, and a head that makes it a distribution (section 3.3.3).
+
+Only the outputs are stochastic; the memory is a deterministic function of the history, so its gradient is plain
+backpropagation through time, which ``torch.nn.LSTM`` does in one fused call for a whole batch of episodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, cast
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from dpsearch.policies.compiled import CompiledPolicy, compiled_policy
+from dpsearch.policies.heads import Head
+from dpsearch.policies.spaces import head_for, observation_size
+
+Core = Literal["lstm", "rnn", "none"]
+
+
+@dataclass
+class PolicyConfig:
+    """The architecture of a policy and its initial weights; see ``RecurrentPolicy`` for what each means."""
+
+    core: str = "lstm"
+    hidden_size: int = 10
+    bias: bool = True
+    init_range: float = 0.01
+    memory_horizon: int | None = None
+
+
+class RecurrentPolicy(nn.Module):
+    """Maps histories to distributions over actions.
+
+    Args:
+        observation_size: Length O of a flat observation.
+        head: The distribution over actions.
+        core: ``"lstm"`` (torch.nn.LSTM), ``"rnn"`` (Elman's, tanh) or ``"none"`` (a tanh layer without memory).
+        hidden_size: Cells H of the core; the thesis uses 10.
+        bias: Whether core and read-out have biases.
+        init_range: Weights and biases start uniform in [-init_range, init_range] (thesis: 0.01).
+        memory_horizon: If given, the time in steps that an LSTM should be able to bridge from the start: the forget
+            biases start at log U(1, horizon - 1) and the input biases at minus that (Tallec and Ollivier, ICLR 2018,
+            equation 16). With all biases near 0 a cell forgets half of its content at every step.
+        seed: Seed of the initial weights.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        head: Head,
+        *,
+        core: str = "lstm",
+        hidden_size: int = 10,
+        bias: bool = True,
+        init_range: float = 0.01,
+        memory_horizon: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        if core not in ("lstm", "rnn", "none"):
+            raise ValueError(f"core must be 'lstm', 'rnn' or 'none', got {core!r}")
+        if observation_size < 1 or hidden_size < 1:
+            raise ValueError(f"observation_size and hidden_size must be positive, got {observation_size}, {hidden_size}")
+        if memory_horizon is not None and (core != "lstm" or not bias or memory_horizon < 3):
+            raise ValueError(f"memory_horizon needs an LSTM with biases and at least 3 steps, got {memory_horizon}")
+        super().__init__()
+        self.observation_size = observation_size
+        self.hidden_size = hidden_size
+        self.head = head
+        self.core_type = cast(Core, core)
+        self.bias = bias
+        self._config = PolicyConfig(core, hidden_size, bias, init_range, memory_horizon)
+        self.core: nn.LSTM | nn.RNN | nn.Linear
+        if core == "lstm":
+            self.core = nn.LSTM(observation_size, hidden_size, bias=bias)
+        elif core == "rnn":
+            self.core = nn.RNN(observation_size, hidden_size, bias=bias)
+        else:
+            self.core = nn.Linear(observation_size, hidden_size, bias=bias)
+        self.readout = nn.Linear(hidden_size, head.n_outputs, bias=bias)
+        if isinstance(self.core, nn.LSTM | nn.RNN) and bias:
+            # torch adds two bias vectors; the second is redundant, so it stays 0 and is not a free parameter
+            nn.init.zeros_(self.core.bias_hh_l0)
+            self.core.bias_hh_l0.requires_grad_(False)
+        self._initialise(init_range, memory_horizon, seed)
+
+    @classmethod
+    def for_spaces(
+        cls,
+        observation_space: gym.Space[Any],
+        action_space: gym.Space[Any],
+        config: PolicyConfig | None = None,
+        *,
+        deterministic: bool = False,
+        seed: int = 0,
+    ) -> RecurrentPolicy:
+        """A policy that fits an environment.
+
+        Args:
+            observation_space: Of a single environment.
+            action_space: Of a single environment; Discrete and MultiDiscrete get a softmax head, a Box a Gaussian.
+            config: Architecture; the thesis's 10-cell LSTM if None.
+            deterministic: Give a Box a deterministic head instead, for black-box search.
+            seed: Seed of the initial weights.
+
+        Raises:
+            UnsupportedSpaceError: If a space is of a kind that no policy can handle.
+        """
+        config = config or PolicyConfig()
+        head = head_for(action_space, deterministic=deterministic)
+        return cls(observation_size(observation_space), head, seed=seed, **vars(config))
+
+    def _initialise(self, init_range: float, memory_horizon: int | None, seed: int) -> None:
+        generator = torch.Generator().manual_seed(seed)
+        for parameter in self.free_parameters():
+            nn.init.uniform_(parameter, -init_range, init_range, generator=generator)
+        if memory_horizon is not None:
+            n = self.hidden_size
+            horizon = torch.empty(n).uniform_(1.0, memory_horizon - 1.0, generator=generator)
+            with torch.no_grad():
+                self.core.bias_ih_l0[n : 2 * n] = horizon.log()
+                self.core.bias_ih_l0[:n] = -horizon.log()
+
+    def config(self) -> dict[str, Any]:
+        """The settings that ``PolicyConfig`` takes to build a policy of this architecture."""
+        return asdict(self._config)
+
+    def free_parameters(self) -> list[nn.Parameter]:
+        """The parameters that learn, in the order of ``vector()``."""
+        return [p for p in self.parameters() if p.requires_grad]
+
+    @property
+    def state_size(self) -> int:
+        """Numbers of recurrent state an episode carries: h and c for an LSTM, h for an Elman net, none without."""
+        return {"lstm": 2, "rnn": 1, "none": 0}[self.core_type] * self.hidden_size
+
+    def forward(self, observations: Tensor, state: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """The head's parameters for whole episodes at once.
+
+        Args:
+            observations: ``(T, B, O)``, one episode a column.
+            state: ``(B, state_size)`` before the first step; zeros if None.
+
+        Returns:
+            Outputs ``(T, B, n_outputs)`` and the state ``(B, state_size)`` after the last step.
+        """
+        n = self.hidden_size
+        if isinstance(self.core, nn.LSTM):
+            before = None if state is None else (state[None, :, :n].contiguous(), state[None, :, n:].contiguous())
+            features, (h, c) = self.core(observations, before)
+            after = torch.cat((h[0], c[0]), dim=-1)
+        elif isinstance(self.core, nn.RNN):
+            features, h = self.core(observations, None if state is None else state[None].contiguous())
+            after = h[0]
+        else:
+            features = torch.tanh(self.core(observations))
+            after = observations.new_zeros(observations.shape[1], 0)
+        return self.readout(features), after
+
+    @torch.no_grad()
+    def act(
+        self, observation: Tensor, state: Tensor | None, uniforms: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """One step for B environments.
+
+        Args:
+            observation: ``(B, O)``.
+            state: ``(B, state_size)``, or None at the start of all episodes.
+            uniforms: ``(B, head.draws)`` in (0, 1) to sample with; None for the greedy action.
+
+        Returns:
+            Actions ``(B, action_size)`` and the next state.
+        """
+        outputs, state = self(observation[None], state)
+        if uniforms is None:
+            return self.head.mode(outputs[0]), state
+        return self.head.sample(outputs[0], uniforms), state
+
+    def vector(self) -> NDArray[np.float64]:
+        """The free parameters as one flat copy ``(P,)``."""
+        with torch.no_grad():
+            return np.concatenate([p.numpy().ravel() for p in self.free_parameters()]).astype(np.float64)
+
+    def load_vector(self, vector: NDArray[np.floating]) -> None:
+        """Set the free parameters from a flat vector ``(P,)``, the inverse of ``vector()``.
+
+        Raises:
+            ValueError: If the length is wrong or a number is not finite.
+        """
+        parameters = self.free_parameters()
+        size = sum(p.numel() for p in parameters)
+        if np.shape(vector) != (size,):
+            raise ValueError(f"this policy has {size} free parameters, got a vector of shape {np.shape(vector)}")
+        if not np.isfinite(vector).all():
+            raise ValueError("the weight vector has a NaN or infinite entry")
+        with torch.no_grad():
+            for p, part in zip(parameters, np.split(vector, np.cumsum([p.numel() for p in parameters])[:-1]), strict=True):
+                p.copy_(torch.as_tensor(part.reshape(p.shape)))
+
+    def compiled(self) -> CompiledPolicy:
+        """The compiled twin that the lane engine runs, for weights of ``vector()``'s layout."""
+        return compiled_policy(self.core_type, self.observation_size, self.hidden_size, self.head, self.bias)

@@ -1,0 +1,147 @@
+"""The lane engine: rollouts for environments that give a kernel, millions of steps a second on one core."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dpsearch.kernels.lanes import EnvKernel, noise_rows
+from dpsearch.policies.recurrent import RecurrentPolicy
+from dpsearch.rollout.episodes import Episodes
+from dpsearch.rollout.lanes import play
+
+
+@dataclass
+class CompiledRollouts:
+    """Plays episodes of one environment in lanes.
+
+    Args:
+        kernel: The environment's compiled dynamics.
+        max_steps: Step cap of an episode.
+        threads: Blocks of lanes that run side by side. Results do not depend on it.
+    """
+
+    kernel: EnvKernel
+    max_steps: int
+    threads: int = 1
+    _pool: ThreadPoolExecutor | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.max_steps < 1 or self.threads < 1:
+            raise ValueError(f"max_steps and threads must be positive, got {self.max_steps} and {self.threads}")
+
+    def collect(
+        self,
+        policy: RecurrentPolicy,
+        n_episodes: int,
+        *,
+        key: int,
+        first_episode: int = 0,
+        greedy: bool = False,
+        record: bool = True,
+    ) -> Episodes:
+        """Play whole episodes with one policy.
+
+        Args:
+            policy: Whose actions to take.
+            n_episodes: Episodes B to play.
+            key: 64-bit key of the randomness (``kernels.philox.stream_key``).
+            first_episode: Number of the first episode: (key, number) is all an episode's randomness depends on.
+            greedy: Take the most probable action instead of a random one.
+            record: False leaves observations, actions and rewards out, ``(0, B, ..)``: enough to evaluate.
+        """
+        steps = self.max_steps if record else 0
+        observations = np.zeros((steps, n_episodes, self.kernel.observation_size), np.float32)
+        actions = np.zeros((steps, n_episodes, self.kernel.action_size), np.float32)
+        rewards = np.zeros((steps, n_episodes), np.float32)
+        episodes = np.arange(first_episode, first_episode + n_episodes, dtype=np.uint64)
+        returns, lengths, terminated = self._play(
+            policy, policy.vector(), None, key, episodes, np.zeros(n_episodes, np.int64), greedy,
+            observations, actions, rewards,
+        )  # fmt: skip
+        longest = int(lengths.max()) if record else 0
+        return Episodes(observations[:longest], actions[:longest], rewards[:longest], lengths, terminated, returns)
+
+    def evaluate(
+        self,
+        policy: RecurrentPolicy,
+        population: ArrayLike,
+        *,
+        key: int,
+        episodes: ArrayLike,
+        greedy: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Play episodes with many weight vectors.
+
+        Args:
+            policy: The architecture; its own weights are not used.
+            population: ``(N, P)`` weight vectors.
+            key: 64-bit key of the randomness.
+            episodes: ``(N, E)`` episode numbers that each candidate plays. Rows that are equal give all candidates
+                the same start states and noise (common random numbers).
+            greedy: Take the most probable action instead of a random one.
+
+        Returns:
+            Undiscounted returns ``(N, E)`` and lengths ``(N, E)`` in steps.
+        """
+        weights = np.ascontiguousarray(population, np.float64)
+        numbers = np.ascontiguousarray(episodes, np.uint64)
+        if weights.ndim != 2 or numbers.ndim != 2 or len(weights) != len(numbers):
+            raise ValueError(f"population (N, P) and episodes (N, E) do not fit: {weights.shape}, {numbers.shape}")
+        empty = np.zeros((0, 1, 1), np.float32)
+        candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])
+        returns, lengths, _ = self._play(
+            policy, None, weights, key, numbers.ravel(), candidates, greedy, empty, empty, empty[..., 0]
+        )
+        return returns.reshape(numbers.shape), lengths.reshape(numbers.shape)
+
+    def _play(
+        self,
+        policy: RecurrentPolicy,
+        shared: NDArray[np.float64] | None,
+        population: NDArray[np.float64] | None,
+        key: int,
+        episodes: NDArray[np.uint64],
+        candidates: NDArray[np.int64],
+        greedy: bool,
+        observations: NDArray[np.float32],
+        actions: NDArray[np.float32],
+        rewards: NDArray[np.float32],
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+        kernel, compiled = self.kernel, policy.compiled()
+        if policy.observation_size != kernel.observation_size or compiled.action_size != kernel.action_size:
+            raise ValueError(
+                f"the policy maps {policy.observation_size} observations to {compiled.action_size} actions, "
+                f"the environment has {kernel.observation_size} and {kernel.action_size}"
+            )
+        env_rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
+        noise = 0 if greedy else noise_rows(compiled.draws)
+        policy_rows = [compiled.hidden_rows, compiled.scratch_rows, compiled.n_outputs, noise]
+        queue = np.zeros(1, np.int64)
+        returns = np.zeros(len(episodes))
+        lengths = np.zeros(len(episodes), np.int64)
+        terminated = np.zeros(len(episodes), np.bool_)
+
+        def block(_: int) -> None:
+            if shared is not None:
+                weights, candidate_weights = shared, shared[None]
+            else:
+                assert population is not None
+                weights, candidate_weights = np.zeros((population.shape[1], 16)), population
+            play(
+                kernel.reset, kernel.observe, kernel.step, kernel.floats, kernel.ints, np.array(env_rows),
+                compiled.forward, compiled.mode if greedy else compiled.sample, compiled.sizes, compiled.head_sizes,
+                np.array(policy_rows), weights, candidate_weights, np.uint64(key), episodes, candidates,
+                self.max_steps, queue, observations, actions, rewards, returns, lengths, terminated,
+            )  # fmt: skip
+
+        if self.threads == 1 or len(episodes) <= 1:
+            block(0)
+        else:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(self.threads)
+            list(self._pool.map(block, range(self.threads)))
+        return returns, lengths, terminated

@@ -1,0 +1,64 @@
+"""What a rollout brings back: a batch of whole episodes, time-major, one episode a column, padded at the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, types
+from numpy.typing import NDArray
+
+
+@njit(
+    types.void(types.float32[:, ::1], types.int64[::1], types.float64, types.float32[:, ::1]),
+    cache=True,
+    nogil=True,
+)
+def _discount(rewards, lengths, gamma, returns):  # type: ignore[no-untyped-def]
+    carried = np.zeros(lengths.shape[0])
+    for t in range(rewards.shape[0] - 1, -1, -1):
+        for b in range(lengths.shape[0]):
+            if t < lengths[b]:
+                carried[b] = rewards[t, b] + gamma * carried[b]
+                returns[t, b] = carried[b]
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """B episodes, the longest of T steps.
+
+    Attributes:
+        observations: ``(T, B, O)`` float32; entry t is what the policy saw before action t.
+        actions: ``(T, B, A)`` float32; discrete actions as whole numbers.
+        rewards: ``(T, B)`` float32; entry t was paid for action t.
+        lengths: ``(B,)`` int64, steps of each episode. What lies beyond is zero.
+        terminated: ``(B,)`` bool, True if the task ended the episode, False if the step cap did.
+        returns: ``(B,)`` float64, undiscounted.
+    """
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float32]
+    lengths: NDArray[np.int64]
+    terminated: NDArray[np.bool_]
+    returns: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+    @property
+    def steps(self) -> int:
+        """Environment steps in all episodes together."""
+        return int(self.lengths.sum())
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """``(T, B)``, True on the steps that were played."""
+        mask: NDArray[np.bool_] = np.arange(len(self.rewards))[:, None] < self.lengths
+        return mask
+
+    def returns_to_go(self, gamma: float) -> NDArray[np.float32]:
+        """R_t, the discounted return from step t on, ``(T, B)``; zero beyond an episode's end (section 2.1)."""
+        returns = np.zeros_like(self.rewards)
+        _discount(self.rewards, self.lengths, gamma, returns)
+        return returns

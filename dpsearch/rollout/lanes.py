@@ -1,0 +1,156 @@
+"""The lane engine's inner loop: blocks of episodes in lock-step, refilled from a queue that threads share.
+
+One function, compiled twice: with one weight vector for all lanes (``collect``: one policy, many episodes) and with
+the weights of a different candidate in every lane (``evaluate``: many policies). A lane that finishes takes the next
+job at once. All randomness is keyed by the job's episode number, so which lane or thread plays it is of no account.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+from numba.extending import overload
+
+from dpsearch.kernels.lanes import (
+    FLOATS,
+    FORWARD_LANES,
+    FORWARD_SHARED,
+    INTS,
+    LANES,
+    OBSERVE,
+    RESET,
+    ROWS,
+    SAMPLE,
+    STEP,
+    fetch_add,
+)
+from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw
+
+_IDLE = -1
+
+
+def _load(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
+    """Put a candidate's weights into its lane; nothing to do where all lanes share one vector."""
+
+
+@overload(_load, inline="always")
+def _load_by_layout(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
+    def shared(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
+        pass
+
+    def per_lane(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
+        for i in range(weights.shape[0]):
+            weights[i, lane] = population[candidate, i]
+
+    return shared if weights.ndim == 1 else per_lane
+
+
+def _signature(forward: Any, weights: Any) -> Any:
+    function = types.FunctionType
+    kernel = [function(RESET), function(OBSERVE), function(STEP), FLOATS, INTS, INTS]
+    policy = [function(forward), function(SAMPLE), INTS, INTS, INTS, weights, ROWS]
+    jobs = [types.uint64, types.uint64[::1], INTS, types.int64, INTS]
+    record = [types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1]]
+    outcome = [FLOATS, INTS, types.boolean[::1]]
+    return types.void(*kernel, *policy, *jobs, *record, *outcome)
+
+
+@njit(
+    [_signature(FORWARD_SHARED, FLOATS), _signature(FORWARD_LANES, ROWS)],
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def play(  # type: ignore[no-untyped-def]
+    reset,
+    observe,
+    step,
+    floats,
+    ints,
+    env_rows,  # state, observation, action, noise
+    forward,
+    sample,
+    policy_sizes,
+    head_sizes,
+    policy_rows,  # hidden, scratch, output, noise
+    weights,  # (P,) or (P, LANES)
+    population,  # (N, P), read when weights are (P, LANES)
+    key,
+    episodes,  # (E,): the episode number of each job
+    candidates,  # (E,): whose weights play it
+    max_steps,
+    queue,  # (1,): the next job, shared by all threads
+    observations,  # (T, E, O), or T = 0 to record nothing
+    actions,  # (T, E, A)
+    rewards,  # (T, E)
+    returns,  # (E,)
+    lengths,  # (E,)
+    terminated,  # (E,)
+):
+    """Play jobs from the queue until it is empty, in one block of lanes."""
+    state = np.zeros((env_rows[0], LANES))
+    observation = np.zeros((env_rows[1], LANES))
+    action = np.zeros((env_rows[2], LANES))
+    env_noise = np.zeros((env_rows[3], LANES))
+    hidden = np.zeros((policy_rows[0], LANES))
+    scratch = np.zeros((policy_rows[1], LANES))
+    output = np.zeros((policy_rows[2], LANES))
+    action_noise = np.zeros((policy_rows[3], LANES))
+    reward = np.zeros(LANES)
+    ended = np.zeros(LANES, np.bool_)
+    job = np.full(LANES, _IDLE)
+    episode = np.zeros(LANES, np.uint64)
+    time = np.zeros(LANES, np.int64)
+    total = np.zeros(LANES)
+    record = rewards.shape[0] > 0
+    n_jobs = episodes.shape[0]
+    busy = 0
+    exhausted = False
+    while True:
+        if busy < LANES and not exhausted:
+            fresh = np.zeros(LANES, np.bool_)
+            for lane in range(LANES):
+                if job[lane] == _IDLE and not exhausted:
+                    taken = fetch_add(queue)
+                    if taken >= n_jobs:
+                        exhausted = True
+                    else:
+                        job[lane], episode[lane], time[lane], total[lane] = taken, episodes[taken], 0, 0.0
+                        fresh[lane] = True
+                        busy += 1
+                        hidden[:, lane] = 0.0
+                        _load(weights, population, candidates[taken], lane)
+            draw(key, episode, time, ENVIRONMENT, env_noise)
+            for lane in range(LANES):
+                if fresh[lane]:
+                    reset(floats, ints, env_noise, lane, state)
+        if busy == 0:
+            return
+        observe(floats, ints, state, observation)
+        forward(policy_sizes, weights, observation, hidden, scratch, output)
+        draw(key, episode, time, ACTION, action_noise)
+        sample(head_sizes, action_noise, output, action)
+        if record:
+            for lane in range(LANES):
+                if job[lane] != _IDLE:
+                    for i in range(observation.shape[0]):
+                        observations[time[lane], job[lane], i] = observation[i, lane]
+                    for i in range(action.shape[0]):
+                        actions[time[lane], job[lane], i] = action[i, lane]
+        for lane in range(LANES):
+            time[lane] += 1
+        draw(key, episode, time, ENVIRONMENT, env_noise)
+        step(floats, ints, env_noise, action, state, reward, ended)
+        for lane in range(LANES):
+            if job[lane] != _IDLE:
+                total[lane] += reward[lane]
+                if record:
+                    rewards[time[lane] - 1, job[lane]] = reward[lane]
+                if ended[lane] or time[lane] >= max_steps:
+                    returns[job[lane]] = total[lane]
+                    lengths[job[lane]] = time[lane]
+                    terminated[job[lane]] = ended[lane]
+                    job[lane] = _IDLE
+                    busy -= 1

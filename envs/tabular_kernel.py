@@ -1,0 +1,147 @@
+"""The kernel that all finite POMDPs share: their tables are its data.
+
+A state has two rows: the index of the hidden state, and the index of the symbol that the agent sees in it now. Each
+step takes two uniforms, one for the transition and one for the observation, whether or not they are random, so that
+the numbers a model draws do not depend on how its tables are written down.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, types
+from numpy.typing import NDArray
+
+from dpsearch.kernels.lanes import FLOATS, INTS, LANES, OBSERVE, RESET, STEP, EnvKernel
+
+if TYPE_CHECKING:
+    from dpsearch.envs.tabular import TabularPOMDP
+
+# The head of `ints`: three sizes, then where each table begins. Row S * A of the transitions is the distribution of
+# the start state, and the last column of the observation rows is the first observation, so that a reset is a
+# transition like any other.
+_ACTIONS, _SYMBOLS, _FEATURES = 0, 1, 2
+_TRANSITION_STARTS, _NEXT_STATES, _OBSERVATION_ROWS, _SYMBOL_STARTS, _SYMBOL_INDICES, _TERMINAL = (
+    3,
+    4,
+    5,
+    6,
+    7,
+    8,
+)
+_TRANSITION_CUMULATIVE, _REWARDS, _SYMBOL_CUMULATIVE, _FEATURE_VALUES = 9, 10, 11, 12  # tables in `floats`
+_HEAD = 13
+
+
+@njit(inline="always")
+def _entry(floats, cumulative, first, last, uniform):  # type: ignore[no-untyped-def]
+    """The entry of a row that a uniform number falls on: the first whose cumulative probability is above it."""
+    last -= 1
+    while first < last:
+        middle = (first + last) >> 1
+        if uniform < floats[cumulative + middle]:
+            last = middle
+        else:
+            first = middle + 1
+    return first
+
+
+@njit(inline="always")
+def _move(floats, ints, row, uniform):  # type: ignore[no-untyped-def]
+    """The entry of the transition table that happens."""
+    at = ints[_TRANSITION_STARTS] + row
+    return _entry(floats, ints[_TRANSITION_CUMULATIVE], ints[at], ints[at + 1], uniform)
+
+
+@njit(inline="always")
+def _see(floats, ints, state, column, uniform):  # type: ignore[no-untyped-def]
+    """The symbol seen on arriving in a state by an action, or at the start (column = number of actions)."""
+    row = ints[ints[_OBSERVATION_ROWS] + state * (ints[_ACTIONS] + 1) + column]
+    at = ints[_SYMBOL_STARTS] + row
+    entry = _entry(floats, ints[_SYMBOL_CUMULATIVE], ints[at], ints[at + 1], uniform)
+    return ints[ints[_SYMBOL_INDICES] + entry]
+
+
+@njit(RESET, cache=True, nogil=True, error_model="numpy")
+def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
+    """Draws the start state and the first observation of one lane."""
+    start_row = ints[_NEXT_STATES] - ints[_TRANSITION_STARTS] - 2
+    place = ints[ints[_NEXT_STATES] + _move(floats, ints, start_row, noise[0, lane])]
+    state[0, lane] = place
+    state[1, lane] = _see(floats, ints, place, ints[_ACTIONS], noise[1, lane])
+
+
+@njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
+def observe(floats, ints, state, observation):  # type: ignore[no-untyped-def]
+    """Looks up the features of the symbol that each lane sees."""
+    for feature in range(ints[_FEATURES]):
+        at = ints[_FEATURE_VALUES] + feature * ints[_SYMBOLS]
+        for lane in range(LANES):
+            observation[feature, lane] = floats[at + np.int64(state[1, lane])]
+
+
+@njit(STEP, cache=True, nogil=True, error_model="numpy")
+def step(floats, ints, noise, action, state, reward, terminated):  # type: ignore[no-untyped-def]
+    """Moves every lane on; actions outside the range are taken to the nearer end, so no lookup goes astray."""
+    actions = ints[_ACTIONS]
+    for lane in range(LANES):
+        choice = min(max(np.int64(action[0, lane]), 0), actions - 1)
+        entry = _move(floats, ints, np.int64(state[0, lane]) * actions + choice, noise[0, lane])
+        place = ints[ints[_NEXT_STATES] + entry]
+        state[0, lane] = place
+        state[1, lane] = _see(floats, ints, place, choice, noise[1, lane])
+        reward[lane] = floats[ints[_REWARDS] + entry]
+        terminated[lane] = ints[ints[_TERMINAL] + place] != 0
+
+
+@njit(types.void(INTS, FLOATS, FLOATS), cache=True, nogil=True)
+def _accumulate(starts, probabilities, cumulative):  # type: ignore[no-untyped-def]
+    for row in range(len(starts) - 1):
+        total = 0.0
+        for entry in range(starts[row], starts[row + 1]):
+            total += probabilities[entry]
+            cumulative[entry] = total
+
+
+def _cumulative(starts: NDArray[np.int64], probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
+    cumulative = np.empty_like(probabilities)
+    _accumulate(starts, probabilities, cumulative)
+    return cumulative
+
+
+def pack(pomdp: TabularPOMDP) -> EnvKernel:
+    """The kernel of a model: its tables, one behind the other, and the functions above."""
+    moves, start, seen = pomdp.transitions, pomdp.start, pomdp.observations
+    starts = np.append(moves.starts, moves.starts[-1] + len(start.columns))
+    probabilities = np.append(moves.probabilities, start.probabilities)
+    n_symbols, n_features = pomdp.features.shape
+    int_tables = {
+        _TRANSITION_STARTS: starts,
+        _NEXT_STATES: np.append(moves.columns, start.columns),
+        _OBSERVATION_ROWS: np.column_stack([pomdp.observation_row, pomdp.first_observation_row]).ravel(),
+        _SYMBOL_STARTS: seen.starts,
+        _SYMBOL_INDICES: seen.columns,
+        _TERMINAL: pomdp.terminal.astype(np.int64),
+    }
+    float_tables = {
+        _TRANSITION_CUMULATIVE: _cumulative(starts, probabilities),
+        _REWARDS: np.append(pomdp.rewards, np.zeros(len(start.columns))),
+        _SYMBOL_CUMULATIVE: _cumulative(seen.starts, seen.probabilities),
+        _FEATURE_VALUES: pomdp.features.T.ravel(),
+    }
+    head = np.zeros(_HEAD, np.int64)
+    head[[_ACTIONS, _SYMBOLS, _FEATURES]] = pomdp.n_actions, n_symbols, n_features
+    for tables, offset in ((int_tables, _HEAD), (float_tables, 0)):
+        lengths = [len(table) for table in tables.values()]
+        head[list(tables)] = offset + np.cumsum([0, *lengths[:-1]])
+    return EnvKernel(
+        reset=reset,
+        observe=observe,
+        step=step,
+        floats=np.concatenate(list(float_tables.values())),
+        ints=np.concatenate([head, *int_tables.values()]),
+        state_size=2,
+        observation_size=n_features,
+        draws=2,
+    )

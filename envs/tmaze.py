@@ -1,0 +1,202 @@
+"""The T-maze: keep one bit in mind for the length of a corridor.
+
+::
+
+      sign                               +----+
+      [^v]                               | +4 |  or -0.1, as the sign pointed
+    +------+-----+-----+- - - -+---------+----+
+    |  0   |  1  |  2  |       |  N - 1  | N  |
+    +------+-----+-----+- - - -+---------+----+
+                                         |-0.1|  or +4
+                                         +----+
+
+- *Start:* position 0, where a road sign points up or down, equally likely. It is shown on the first step only: coming
+  back to position 0 shows corridor.
+- *Actions:* 0 north, 1 east, 2 south, 3 west. East and west move.
+- *Observations:* sign up, sign down, corridor or junction. By default the three bits that Bakker used: sign up
+  ``0 1 1``, sign down ``1 1 0``, corridor ``1 0 1``, junction ``0 1 0``; one-hot on request.
+- *Rewards:* -0.1 for walking into a wall, and the agent stays. At the junction, north or south earns 4 where the sign
+  pointed, and -0.1 otherwise. All else earns 0.
+- *End:* north or south at the junction; or the limit of max(1000, 10 (N + 1)) steps.
+- *Optimum:* 4 in N + 1 steps. Without memory the sign might as well be absent, and half of the turns are wrong: 1.95.
+
+Source: B. Bakker, "Reinforcement learning with long short-term memory", NIPS 14, 2002.
+"""
+
+from __future__ import annotations
+
+from operator import index
+from typing import Any
+
+import numpy as np
+
+from dpsearch.envs.distributions import Distributions
+from dpsearch.envs.drawing import Frame
+from dpsearch.envs.kernel_env import KernelEnv, KernelVectorEnv
+from dpsearch.envs.tabular import TabularPOMDP
+from dpsearch.envs.tmaze_drawing import View, picture, text
+
+ACTIONS = ("north", "east", "south", "west")
+NORTH, EAST, SOUTH, WEST = range(4)
+SYMBOLS = ("sign up", "sign down", "corridor", "junction")
+SIGN_UP, SIGN_DOWN, CORRIDOR, JUNCTION = range(4)
+SIGNS = ("up", "down")
+LONGEST = 100_000
+
+ENCODINGS = {
+    "bits": ((0, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 0)),
+    "one_hot": ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)),
+}
+
+
+def tmaze_pomdp(corridor_length: int = 10, encoding: str = "bits") -> TabularPOMDP:
+    """The T-maze as tables.
+
+    State ``sign * (N + 1) + position``, sign 0 for up and 1 for down, and four states for ended episodes,
+    ``2 (N + 1) + 2 sign + arm``, arm 0 for north and 1 for south; there the junction is still in sight.
+
+    Args:
+        corridor_length: N, the position of the junction, from 1 to 100,000.
+        encoding: "bits" or "one_hot".
+
+    Raises:
+        ValueError: If an argument is none of these.
+    """
+    n = _checked_length(corridor_length)
+    if encoding not in ENCODINGS:
+        raise ValueError(f"encoding must be one of {', '.join(ENCODINGS)}, got {encoding!r}")
+    over = 2 * (n + 1)  # the first of the ended states
+    sign, position, action = np.ogrid[:2, : n + 1, :4]
+    state = sign * (n + 1) + position  # (2, N + 1, 1)
+    turns = (position == n) & ((action == NORTH) | (action == SOUTH))
+    walks = ((action == EAST) & (position < n)) | ((action == WEST) & (position > 0))
+    arm = np.where(action == SOUTH, 1, 0)
+    next_state = np.where(walks, state + np.where(action == EAST, 1, -1), state)
+    next_state = np.where(turns, over + 2 * sign + arm, next_state)
+
+    seen = np.full(over + 4, CORRIDOR)
+    seen[[n, 2 * n + 1]] = seen[over:] = JUNCTION
+    seen_first = seen.copy()
+    seen_first[[0, n + 1]] = SIGN_UP, SIGN_DOWN
+    start = np.zeros(over + 4)
+    start[[0, n + 1]] = 0.5
+    return TabularPOMDP.from_entries(
+        shape=(over + 4, len(ACTIONS)),
+        start=start,
+        states=state,
+        actions=action,
+        next_states=next_state,
+        rewards=np.where(turns & (arm == sign), 4.0, np.where(walks, 0.0, -0.1)),
+        terminal=np.arange(over, over + 4),
+        observations=Distributions.from_dense(np.eye(len(SYMBOLS))),
+        observation_row=seen[:, None],
+        first_observation_row=seen_first,
+        features=ENCODINGS[encoding],
+        discount=0.98,
+        action_names=ACTIONS,
+        observation_names=SYMBOLS,
+    )
+
+
+def default_limit(corridor_length: int) -> int:
+    """Steps after which an episode is cut off unless said otherwise: max(1000, 10 (N + 1))."""
+    return max(1000, 10 * (_checked_length(corridor_length) + 1))
+
+
+def _checked_length(corridor_length: int) -> int:
+    try:
+        n = -1 if isinstance(corridor_length, bool) else index(corridor_length)
+    except TypeError:
+        n = -1
+    if not 1 <= n <= LONGEST:
+        raise ValueError(
+            f"corridor_length must be a whole number from 1 to {LONGEST}, got {corridor_length!r}"
+        )
+    return n
+
+
+class TMaze(KernelEnv):
+    """One T-maze, as drawn above.
+
+    Args:
+        corridor_length: N, the position of the junction, from 1 to 100,000.
+        encoding: "bits" or "one_hot".
+        max_episode_steps: Steps after which an episode is cut off; max(1000, 10 (N + 1)) by default.
+        render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
+
+    Attributes:
+        corridor_length: N.
+        pomdp: The task as tables.
+
+    Raises:
+        ValueError: If an argument is none of these.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "human", "ansi"], "render_fps": 4}
+
+    def __init__(
+        self,
+        corridor_length: int = 10,
+        encoding: str = "bits",
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self.corridor_length = _checked_length(corridor_length)
+        self.pomdp = tmaze_pomdp(corridor_length, encoding)
+        if max_episode_steps is None:
+            max_episode_steps = default_limit(corridor_length)
+        super().__init__(self.pomdp.task(max_episode_steps), render_mode)
+
+    def view(self) -> View:
+        """What there is to be seen of the present moment."""
+        state, symbol = (int(value) for value in self.kernel_state())
+        corridor = 2 * (self.corridor_length + 1)
+        over = state >= corridor
+        sign, place = divmod(state - corridor, 2) if over else divmod(state, self.corridor_length + 1)
+        return View(
+            corridor_length=self.corridor_length,
+            position=self.corridor_length if over else place,
+            sign=SIGNS[sign],
+            arm=("north", "south")[place] if over else None,
+            sees=SYMBOLS[symbol],
+            inputs=tuple(self.pomdp.features[symbol]),
+            last_action=None if self.last_action is None else ACTIONS[int(self.last_action)],
+            step=self.elapsed_steps,
+            max_steps=self.max_episode_steps,
+            episode_return=self.episode_return,
+        )
+
+    def picture(self) -> Frame:
+        """The moment as a picture, ``(540, 960, 3)``."""
+        return picture(self.view())
+
+    def text(self) -> str:
+        """The moment in four lines of text."""
+        return text(self.view())
+
+
+class TMazeVector(KernelVectorEnv):
+    """Many T-mazes at once; see :class:`TMaze`.
+
+    Args:
+        num_envs: How many.
+        corridor_length: N, the position of the junction, from 1 to 100,000.
+        encoding: "bits" or "one_hot".
+        max_episode_steps: Steps after which an episode is cut off; max(1000, 10 (N + 1)) by default.
+        **options: See :class:`KernelVectorEnv`.
+
+    Raises:
+        ValueError: If an argument is none of these.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        corridor_length: int = 10,
+        encoding: str = "bits",
+        max_episode_steps: int | None = None,
+        **options: Any,
+    ) -> None:
+        if max_episode_steps is None:
+            max_episode_steps = default_limit(corridor_length)
+        super().__init__(tmaze_pomdp(corridor_length, encoding).task(max_episode_steps), num_envs, **options)
