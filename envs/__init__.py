@@ -1,6 +1,6 @@
 """Environments that need memory, registered with Gymnasium on import.
 
-``gymnasium.make("dpsearch.envs:dpsearch/TMaze-v0")`` works anywhere: the part before the colon is this module.
+``gymnasium.make("dpsearch.envs:dpsearch/TMaze-v0")`` works anywhere: what precedes the colon is imported.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def __dir__() -> list[str]:
 
 
 def _register(name: str, home: str, reward_threshold: float) -> None:
-    """Registers one environment: no step limit here, since each knows its own (it may depend on the arguments)."""
+    """Registers one environment, without a step limit: each knows its own, from its arguments."""
     if name not in gymnasium.registry:
         gymnasium.register(
             id=name,

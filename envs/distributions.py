@@ -13,7 +13,7 @@ _TOLERANCE = 1e-6  # how far from 1 the sum of a row may lie
 
 @dataclass(frozen=True, eq=False)
 class Distributions:
-    """Rows of probabilities as compressed sparse rows: row ``i`` owns the entries ``starts[i]:starts[i + 1]``.
+    """Compressed sparse rows of probabilities; row ``i`` owns the entries ``starts[i]:starts[i + 1]``.
 
     A row may name the same column twice: the probabilities add up.
 
@@ -84,8 +84,8 @@ class Distributions:
             describe: What row ``i`` is, for the message: "state 3, action 1".
 
         Raises:
-            ValueError: If a row is empty or does not sum to 1, a column is out of range or a probability is not
-                positive (NaN is not).
+            ValueError: If a row is empty or does not sum to 1, a column is out of range or a probability is
+                not above 0 (NaN is not).
         """
         if len(self.starts) < 2 or self.starts[0] != 0 or self.starts[-1] != len(self.columns):
             raise ValueError(f"starts must run from 0 to the number of entries, {len(self.columns)}")

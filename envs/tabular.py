@@ -1,9 +1,9 @@
 """Finite POMDPs as data: tables of probabilities and rewards, most of them zero.
 
-A model with S states, A actions and Z observation symbols. The agent does not see the state but a symbol, drawn anew
-on each arrival from a distribution that depends on the state arrived in and the action that led there; what its
-policy receives is that symbol's row of ``features``. Distributions over symbols are kept in a pool, for most models
-have few different ones, whatever the number of their states.
+A model has S states, A actions and Z observation symbols. The agent does not see the state but a symbol,
+drawn on each arrival from a distribution that depends on the state arrived in and the action that led there;
+what its policy receives is that symbol's row of ``features``. Distributions over symbols are kept in a pool,
+for most models have few different ones, whatever the number of their states.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class TabularPOMDP:
 
     Attributes:
         start: Distribution of the start state: one row over S states.
-        transitions: Row ``state * A + action`` is the distribution of the next state. An ended episode stays where it
-            is: the rows of terminal states lead back to themselves.
+        transitions: Row ``state * A + action`` is the distribution of the next state. An ended episode stays
+            where it is: the rows of terminal states lead back to themselves.
         rewards: Reward of each entry of ``transitions``, ``(n_entries,)``; 0 in terminal states.
         observations: The pool of distributions over Z symbols.
         observation_row: Which of the pool holds on arriving in a state by an action, ``(S, A)``.
@@ -60,6 +60,8 @@ class TabularPOMDP:
 
     def __post_init__(self) -> None:
         states, actions = self.observation_row.shape
+        if self.features.ndim != 2:
+            raise ValueError(f"features must have shape (Z, O), got {self.features.shape}")
         symbols = len(self.features)
         _require_shape("terminal", self.terminal, (states,))
         _require_shape("rewards", self.rewards, self.transitions.columns.shape)
@@ -124,7 +126,7 @@ class TabularPOMDP:
     ) -> TabularPOMDP:
         """Builds a model from its possible transitions, in any order.
 
-        A next state may be named twice for one state and action, with different rewards: then the reward is random.
+        A next state may be named twice for one state and action. If its rewards differ, the reward is random.
 
         Args:
             shape: ``(S, A)``, the number of states and of actions.
@@ -148,11 +150,13 @@ class TabularPOMDP:
             ValueError: If something does not fit, with the first thing that does not.
         """
         n_states, n_actions = shape
+        ended = np.asarray(terminal, np.int64)
+        _require_range("terminal", ended, n_states)
         over = np.zeros(n_states, np.bool_)
-        over[np.asarray(terminal, np.int64)] = True
+        over[ended] = True
+        numbers = (np.asarray(array, np.int64) for array in (states, actions, next_states))
         state, action, following, probability, reward = (
-            array.ravel()
-            for array in np.broadcast_arrays(states, actions, next_states, probabilities, rewards)
+            array.ravel() for array in np.broadcast_arrays(*numbers, probabilities, rewards)
         )
         _require_range("states", state, n_states)
         _require_range("actions", action, n_actions)
@@ -165,7 +169,7 @@ class TabularPOMDP:
         order = by_row(row, probability)
         transitions = Distributions(
             row_starts(row[order], n_states * n_actions),
-            np.append(following[keep], ends)[order].astype(np.int64),
+            np.append(following[keep], ends)[order],
             probability[order].astype(np.float64),
             n_states,
         )
@@ -207,8 +211,8 @@ class TabularPOMDP:
             observations: Probability of each symbol, ``(A, S, Z)`` as ``[action, next state, symbol]``.
             rewards: Reward ``[action, state, next state]``, broadcast to ``(A, S, S)``.
             start: Probability of each start state, ``(S,)``.
-            first_observation: Probability of each symbol before the first action, broadcast to ``(S, Z)``. By default
-                nothing is seen then: a symbol is added whose features are all zero.
+            first_observation: Probability of each symbol before the first action, broadcast to ``(S, Z)``. By
+                default nothing is seen then: a symbol is added whose features are all zero.
             features: What the policy receives for each symbol, ``(Z, O)``; one-hot by default.
             terminal: Indices of the states that end the episode.
             discount: See the class.
@@ -267,7 +271,7 @@ class TabularPOMDP:
     @property
     def n_actions(self) -> int:
         """A, the number of actions."""
-        return self.observation_row.shape[1]
+        return int(self.observation_row.shape[1])
 
     @property
     def n_symbols(self) -> int:
@@ -276,7 +280,7 @@ class TabularPOMDP:
 
     def start_distribution(self) -> NDArray[np.float64]:
         """Probability of each start state, ``(S,)``."""
-        return self.start.dense()[0]
+        return self.start.dense().reshape(-1)
 
     def transition_matrix(self, action: int) -> NDArray[np.float64]:
         """Probability of each next state, ``(S, S)`` as ``[state, next state]``, for small models."""
@@ -286,17 +290,17 @@ class TabularPOMDP:
         return matrix
 
     def observation_matrix(self, action: int) -> NDArray[np.float64]:
-        """Probability of each symbol, ``(S, Z)``, on arriving in each state by an action, for small models."""
+        """Probability of each symbol on arriving in each state by an action, ``(S, Z)``, for small models."""
         return self.observations.dense()[self.observation_row[:, action]]
 
     def first_observation_matrix(self) -> NDArray[np.float64]:
-        """Probability of each symbol, ``(S, Z)``, before the first action, for small models."""
+        """Probability of each symbol before the first action, ``(S, Z)``, for small models."""
         return self.observations.dense()[self.first_observation_row]
 
     def expected_rewards(self) -> NDArray[np.float64]:
         """Mean reward of each action in each state, ``(S, A)``."""
         weighted = self.transitions.probabilities * self.rewards
-        sums = np.bincount(self.transitions.row_of_entry(), weighted, minlength=self.transitions.n_rows)
+        sums = np.add.reduceat(weighted, self.transitions.starts[:-1])
         return sums.reshape(self.n_states, self.n_actions)
 
     def _entries_of(self, action: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,8 +1,7 @@
 """The kernel that all finite POMDPs share: their tables are its data.
 
-A state has two rows: the index of the hidden state, and the index of the symbol that the agent sees in it now. Each
-step takes two uniforms, one for the transition and one for the observation, whether or not they are random, so that
-the numbers a model draws do not depend on how its tables are written down.
+A state has two rows: the number of the hidden state, and that of the symbol that the agent sees in it now.
+Each step takes two uniforms, one for the transition and one for the observation, random or not.
 """
 
 from __future__ import annotations
@@ -18,9 +17,9 @@ from dpsearch.kernels.lanes import FLOATS, INTS, LANES, OBSERVE, RESET, STEP, En
 if TYPE_CHECKING:
     from dpsearch.envs.tabular import TabularPOMDP
 
-# The head of `ints`: three sizes, then where each table begins. Row S * A of the transitions is the distribution of
-# the start state, and the last column of the observation rows is the first observation, so that a reset is a
-# transition like any other.
+# The head of `ints`: three sizes, then where each table begins. Row S * A of the transitions is the
+# distribution of the start state, and the last column of the observation rows is the first observation, so
+# that a reset is a transition like any other.
 _ACTIONS, _SYMBOLS, _FEATURES = 0, 1, 2
 _TRANSITION_STARTS, _NEXT_STATES, _OBSERVATION_ROWS, _SYMBOL_STARTS, _SYMBOL_INDICES, _TERMINAL = (
     3,
@@ -35,41 +34,37 @@ _HEAD = 13
 
 
 @njit(inline="always")
-def _entry(floats, cumulative, first, last, uniform):  # type: ignore[no-untyped-def]
-    """The entry of a row that a uniform number falls on: the first whose cumulative probability is above it."""
-    last -= 1
+def _at(table, index):  # type: ignore[no-untyped-def]
+    """``table[index]`` without Numba's test for negative indices, which is half of the work here."""
+    return table[np.uint64(index)]
+
+
+@njit(inline="always")
+def _entry(ints, starts, row, floats, cumulative, uniform):  # type: ignore[no-untyped-def]
+    """The entry of a row that a uniform number falls on: the first whose cumulative sum is above it."""
+    first = _at(ints, starts + row)
+    last = _at(ints, starts + row + 1) - 1
     while first < last:
         middle = (first + last) >> 1
-        if uniform < floats[cumulative + middle]:
+        if uniform < _at(floats, cumulative + middle):
             last = middle
         else:
             first = middle + 1
     return first
 
 
-@njit(inline="always")
-def _move(floats, ints, row, uniform):  # type: ignore[no-untyped-def]
-    """The entry of the transition table that happens."""
-    at = ints[_TRANSITION_STARTS] + row
-    return _entry(floats, ints[_TRANSITION_CUMULATIVE], ints[at], ints[at + 1], uniform)
-
-
-@njit(inline="always")
-def _see(floats, ints, state, column, uniform):  # type: ignore[no-untyped-def]
-    """The symbol seen on arriving in a state by an action, or at the start (column = number of actions)."""
-    row = ints[ints[_OBSERVATION_ROWS] + state * (ints[_ACTIONS] + 1) + column]
-    at = ints[_SYMBOL_STARTS] + row
-    entry = _entry(floats, ints[_SYMBOL_CUMULATIVE], ints[at], ints[at + 1], uniform)
-    return ints[ints[_SYMBOL_INDICES] + entry]
-
-
 @njit(RESET, cache=True, nogil=True, error_model="numpy")
 def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
     """Draws the start state and the first observation of one lane."""
-    start_row = ints[_NEXT_STATES] - ints[_TRANSITION_STARTS] - 2
-    place = ints[ints[_NEXT_STATES] + _move(floats, ints, start_row, noise[0, lane])]
+    actions = ints[_ACTIONS]
+    starts = ints[_TRANSITION_STARTS]
+    last_row = ints[_NEXT_STATES] - starts - 2
+    entry = _entry(ints, starts, last_row, floats, ints[_TRANSITION_CUMULATIVE], noise[0, lane])
+    place = ints[ints[_NEXT_STATES] + entry]
+    row = ints[ints[_OBSERVATION_ROWS] + place * (actions + 1) + actions]
+    seen = _entry(ints, ints[_SYMBOL_STARTS], row, floats, ints[_SYMBOL_CUMULATIVE], noise[1, lane])
     state[0, lane] = place
-    state[1, lane] = _see(floats, ints, place, ints[_ACTIONS], noise[1, lane])
+    state[1, lane] = ints[ints[_SYMBOL_INDICES] + seen]
 
 
 @njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
@@ -78,21 +73,29 @@ def observe(floats, ints, state, observation):  # type: ignore[no-untyped-def]
     for feature in range(ints[_FEATURES]):
         at = ints[_FEATURE_VALUES] + feature * ints[_SYMBOLS]
         for lane in range(LANES):
-            observation[feature, lane] = floats[at + np.int64(state[1, lane])]
+            observation[feature, lane] = _at(floats, at + np.int64(state[1, lane]))
 
 
 @njit(STEP, cache=True, nogil=True, error_model="numpy")
 def step(floats, ints, noise, action, state, reward, terminated):  # type: ignore[no-untyped-def]
-    """Moves every lane on; actions outside the range are taken to the nearer end, so no lookup goes astray."""
-    actions = ints[_ACTIONS]
+    """Moves every lane on. An action out of range counts as the nearest one, so no lookup goes astray."""
+    # Read once: the compiler cannot know that writing a state does not change them.
+    actions, transition_starts, next_states = ints[_ACTIONS], ints[_TRANSITION_STARTS], ints[_NEXT_STATES]
+    observation_rows, symbol_starts = ints[_OBSERVATION_ROWS], ints[_SYMBOL_STARTS]
+    symbol_indices, terminal = ints[_SYMBOL_INDICES], ints[_TERMINAL]
+    transition_cumulative, rewards = ints[_TRANSITION_CUMULATIVE], ints[_REWARDS]
+    symbol_cumulative = ints[_SYMBOL_CUMULATIVE]
     for lane in range(LANES):
         choice = min(max(np.int64(action[0, lane]), 0), actions - 1)
-        entry = _move(floats, ints, np.int64(state[0, lane]) * actions + choice, noise[0, lane])
-        place = ints[ints[_NEXT_STATES] + entry]
+        row = np.int64(state[0, lane]) * actions + choice
+        entry = _entry(ints, transition_starts, row, floats, transition_cumulative, noise[0, lane])
+        place = _at(ints, next_states + entry)
+        row = _at(ints, observation_rows + place * (actions + 1) + choice)
+        seen = _entry(ints, symbol_starts, row, floats, symbol_cumulative, noise[1, lane])
         state[0, lane] = place
-        state[1, lane] = _see(floats, ints, place, choice, noise[1, lane])
-        reward[lane] = floats[ints[_REWARDS] + entry]
-        terminated[lane] = ints[ints[_TERMINAL] + place] != 0
+        state[1, lane] = _at(ints, symbol_indices + seen)
+        reward[lane] = _at(floats, rewards + entry)
+        terminated[lane] = _at(ints, terminal + place) != 0
 
 
 @njit(types.void(INTS, FLOATS, FLOATS), cache=True, nogil=True)

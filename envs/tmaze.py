@@ -10,15 +10,15 @@
                                          |-0.1|  or +4
                                          +----+
 
-- *Start:* position 0, where a road sign points up or down, equally likely. It is shown on the first step only: coming
-  back to position 0 shows corridor.
+- *Start:* position 0, where a road sign points up or down, equally likely. It is shown on the first step
+  only: coming back to position 0 shows corridor.
 - *Actions:* 0 north, 1 east, 2 south, 3 west. East and west move.
-- *Observations:* sign up, sign down, corridor or junction. By default the three bits that Bakker used: sign up
+- *Observations:* sign up, sign down, corridor or junction. By default three bits, as Bakker has them: sign up
   ``0 1 1``, sign down ``1 1 0``, corridor ``1 0 1``, junction ``0 1 0``; one-hot on request.
-- *Rewards:* -0.1 for walking into a wall, and the agent stays. At the junction, north or south earns 4 where the sign
-  pointed, and -0.1 otherwise. All else earns 0.
+- *Rewards:* -0.1 for walking into a wall, and the agent stays. At the junction, north or south earns 4 where
+  the sign pointed, and -0.1 otherwise. All else earns 0.
 - *End:* north or south at the junction; or the limit of max(1000, 10 (N + 1)) steps.
-- *Optimum:* 4 in N + 1 steps. Without memory the sign might as well be absent, and half of the turns are wrong: 1.95.
+- *Optimum:* 4 in N + 1 steps. Without memory half of the turns are wrong: 1.95.
 
 Source: B. Bakker, "Reinforcement learning with long short-term memory", NIPS 14, 2002.
 """

@@ -1,4 +1,4 @@
-"""Pictures of the T-maze, for people who have never heard of it, and a sketch of it in a few lines of text."""
+"""Pictures of the T-maze, for people who have never heard of it, and a sketch of it in text."""
 
 from __future__ import annotations
 
@@ -175,9 +175,9 @@ def _panel(canvas: Canvas, view: View) -> None:
         canvas.box((x, top), (x + width, top + height), WHITE, LINE, 8)
         canvas.text((x + 16, top + 22), title, 14, FAINT)
         canvas.text((x + 16, top + 58), value, 20)
-    for k, value in enumerate(reversed(view.inputs)):
+    for k, bit in enumerate(reversed(view.inputs)):
         x, y = 40 + width - 24 - 17 * k, top + 58
-        canvas.box((x - 7, y - 7), (x + 7, y + 7), INK if value else WHITE, INK, 2)
+        canvas.box((x - 7, y - 7), (x + 7, y + 7), INK if bit else WHITE, INK, 2)
     if view.last_action is not None:
         canvas.arrow((40 + 2 * width + gap - 34, top + 58), _DIRECTIONS[view.last_action], 34, INK)
 

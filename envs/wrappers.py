@@ -1,6 +1,6 @@
 """What an agent sees, changed: the hidden state, its previous action or reward too, or only a part of it.
 
-Each wraps one environment, Gymnasium's own as well as ours, and gives flat vectors of numbers, as networks want them.
+Each wraps one environment, Gymnasium's own as well as ours, and gives flat vectors, as networks want them.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Info: TypeAlias = dict[str, Any]
 class HiddenState(gym.Wrapper[Array, Any, Array, Any], RecordConstructorArgs):
     """Makes the hidden state the observation, for a baseline that need neither remember nor infer anything.
 
-    A numbered state becomes a one-hot vector (of 2 (N + 1) + 4 numbers in a T-maze), others stay what they are; all
-    in float32. The number itself is in ``info["state"]`` without this wrapper.
+    A numbered state becomes a one-hot vector (of 2 (N + 1) + 4 numbers in a T-maze), others stay what they
+    are; all in float32. The number itself is in ``info["state"]``, without this wrapper.
 
     Args:
         env: An environment that reports ``info["state"]`` and whose base has a ``state_space``.
@@ -36,10 +36,11 @@ class HiddenState(gym.Wrapper[Array, Any, Array, Any], RecordConstructorArgs):
     def __init__(self, env: Env) -> None:
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
-        self._state_space = getattr(env.unwrapped, "state_space", None)
-        if not isinstance(self._state_space, spaces.Discrete | spaces.Box):
+        space = getattr(env.unwrapped, "state_space", None)
+        if not isinstance(space, spaces.Discrete | spaces.Box):
             raise ValueError(f"{env} does not tell its hidden state: it has no state_space")
-        flat = _flat_box(self._state_space)
+        self._state_space: gym.Space[Any] = space
+        flat = _flat_box(space)
         self.observation_space = _box(flat.low, flat.high, np.float32)
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Array, Info]:

@@ -2,6 +2,7 @@
 
 from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
 from dpsearch.policies.recurrent import PolicyConfig, RecurrentPolicy
+from dpsearch.policies.runner import PolicyRunner
 from dpsearch.policies.spaces import UnsupportedSpaceError
 
 __all__ = [
@@ -10,6 +11,7 @@ __all__ = [
     "Gaussian",
     "Head",
     "PolicyConfig",
+    "PolicyRunner",
     "RecurrentPolicy",
     "UnsupportedSpaceError",
 ]

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
+from gymnasium.vector.utils import concatenate, create_empty_array
 from numpy.typing import NDArray
 
 from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
@@ -18,7 +18,7 @@ class UnsupportedSpaceError(TypeError):
 
 
 def observation_size(space: gym.Space[Any]) -> int:
-    """Length O of the flat observation: Box flattened, Discrete and MultiDiscrete one-hot, Dict and Tuple joined.
+    """Length O of the flat observation: Discrete and MultiDiscrete are one-hot, Dict and Tuple joined.
 
     Raises:
         UnsupportedSpaceError: If the space has no flat form of fixed length.
@@ -43,24 +43,34 @@ def head_for(space: gym.Space[Any], *, deterministic: bool = False) -> Head:
             return Categorical([int(space.n)])
         case spaces.MultiDiscrete() if space.nvec.ndim == 1:
             return Categorical([int(n) for n in space.nvec])
-        case spaces.Box() if np.issubdtype(space.dtype, np.floating) and space.shape and np.prod(space.shape) > 0:
+        case spaces.Box() if np.issubdtype(space.dtype, np.floating) and space.shape and 0 not in space.shape:
             size = int(np.prod(space.shape))
             return Deterministic(size) if deterministic else Gaussian(size)
     raise UnsupportedSpaceError(
-        f"action space {space} is not supported: Discrete, one-dimensional MultiDiscrete and real-valued Box are"
+        f"action space {space} is not supported: Discrete, MultiDiscrete of one dimension, and real Box are"
     )
 
 
 def flatten_observations(space: gym.Space[Any], observations: Any) -> NDArray[np.float32]:
-    """Observations of B environments, as a vector environment batches them, to flat ones ``(B, O)`` float32."""
+    """Observations of B environments, batched as vector environments do, to flat ones ``(B, O)`` float32."""
+    flat: NDArray[np.float32]
     match space:
         case spaces.Box():
             batch = np.asarray(observations, np.float32)
-            return batch.reshape(len(batch), -1)
+            flat = batch.reshape(len(batch), -1)
         case spaces.Discrete():
-            return np.eye(int(space.n), dtype=np.float32)[np.asarray(observations) - int(space.start)]
-    singles = gym.vector.utils.iterate(batch_space(space, _batch_size(observations)), observations)
-    return np.stack([spaces.flatten(space, single) for single in singles]).astype(np.float32)
+            flat = np.zeros((len(observations), int(space.n)), np.float32)
+            flat[np.arange(len(flat)), np.asarray(observations) - int(space.start)] = 1.0
+        case spaces.Dict():
+            parts = [flatten_observations(part, observations[key]) for key, part in space.spaces.items()]
+            flat = np.concatenate(parts, axis=1)
+        case spaces.Tuple():
+            pairs = zip(space.spaces, observations, strict=True)
+            flat = np.concatenate([flatten_observations(part, batch) for part, batch in pairs], axis=1)
+        case _:
+            singles = [np.asarray(spaces.flatten(space, single)) for single in observations]
+            flat = np.stack(singles).astype(np.float32)
+    return flat
 
 
 def to_env_actions(space: gym.Space[Any], actions: NDArray[np.floating]) -> NDArray[Any]:
@@ -84,10 +94,5 @@ def to_env_actions(space: gym.Space[Any], actions: NDArray[np.floating]) -> NDAr
 
 def batch_one(space: gym.Space[Any], observation: Any) -> Any:
     """A batch that holds one observation, laid out as a vector environment's."""
-    return concatenate(space, [observation], create_empty_array(space, 1))
-
-
-def _batch_size(observations: Any) -> int:
-    while isinstance(observations, dict | tuple):
-        observations = next(iter(observations.values())) if isinstance(observations, dict) else observations[0]
-    return len(observations)
+    empty: Any = create_empty_array(space, 1)
+    return concatenate(space, [observation], empty)

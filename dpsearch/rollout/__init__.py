@@ -1,0 +1,9 @@
+"""Where episodes come from: two verbs, ``collect`` and ``evaluate``, and the engines that offer them."""
+
+from dpsearch.rollout.compiled import CompiledRollouts
+from dpsearch.rollout.episodes import Episodes
+from dpsearch.rollout.make import make_rollouts
+from dpsearch.rollout.protocol import Rollouts
+from dpsearch.rollout.vector import VectorRollouts
+
+__all__ = ["CompiledRollouts", "Episodes", "Rollouts", "VectorRollouts", "make_rollouts"]

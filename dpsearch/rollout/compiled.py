@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dpsearch.kernels.lanes import EnvKernel, noise_rows
+from dpsearch.kernels.lanes import (
+    FORWARD_LANES,
+    FORWARD_SHARED,
+    LANES,
+    OBSERVE,
+    RESET,
+    SAMPLE,
+    STEP,
+    EnvKernel,
+    first_class,
+    noise_rows,
+)
 from dpsearch.policies.recurrent import RecurrentPolicy
 from dpsearch.rollout.episodes import Episodes
 from dpsearch.rollout.lanes import play
+from dpsearch.rollout.protocol import check_fit, check_population
 
 
 @dataclass
@@ -22,16 +36,30 @@ class CompiledRollouts:
         kernel: The environment's compiled dynamics.
         max_steps: Step cap of an episode.
         threads: Blocks of lanes that run side by side. Results do not depend on it.
+        observation_space: The environment's own, of a single environment.
+        action_space: The environment's own, of a single environment.
+        reward_threshold: Mean return that counts as solved, or None if the environment names none.
     """
 
     kernel: EnvKernel
     max_steps: int
     threads: int = 1
+    _: KW_ONLY
+    observation_space: gym.Space[Any]
+    action_space: gym.Space[Any]
+    reward_threshold: float | None = None
     _pool: ThreadPoolExecutor | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.max_steps < 1 or self.threads < 1:
             raise ValueError(f"max_steps and threads must be positive, got {self.max_steps} and {self.threads}")
+        self.observation_size = self.kernel.observation_size
+
+    def close(self) -> None:
+        """Let go of the threads; they come back when they are needed."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
 
     def collect(
         self,
@@ -53,6 +81,8 @@ class CompiledRollouts:
             greedy: Take the most probable action instead of a random one.
             record: False leaves observations, actions and rewards out, ``(0, B, ..)``: enough to evaluate.
         """
+        if n_episodes < 1:
+            raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
         steps = self.max_steps if record else 0
         observations = np.zeros((steps, n_episodes, self.kernel.observation_size), np.float32)
         actions = np.zeros((steps, n_episodes, self.kernel.action_size), np.float32)
@@ -87,10 +117,7 @@ class CompiledRollouts:
         Returns:
             Undiscounted returns ``(N, E)`` and lengths ``(N, E)`` in steps.
         """
-        weights = np.ascontiguousarray(population, np.float64)
-        numbers = np.ascontiguousarray(episodes, np.uint64)
-        if weights.ndim != 2 or numbers.ndim != 2 or len(weights) != len(numbers):
-            raise ValueError(f"population (N, P) and episodes (N, E) do not fit: {weights.shape}, {numbers.shape}")
+        weights, numbers = check_population(policy, population, episodes)
         empty = np.zeros((0, 1, 1), np.float32)
         candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])
         returns, lengths, _ = self._play(
@@ -112,11 +139,7 @@ class CompiledRollouts:
         rewards: NDArray[np.float32],
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
         kernel, compiled = self.kernel, policy.compiled()
-        if policy.observation_size != kernel.observation_size or compiled.action_size != kernel.action_size:
-            raise ValueError(
-                f"the policy maps {policy.observation_size} observations to {compiled.action_size} actions, "
-                f"the environment has {kernel.observation_size} and {kernel.action_size}"
-            )
+        check_fit(policy, kernel.observation_size, kernel.action_size)
         env_rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
         noise = 0 if greedy else noise_rows(compiled.draws)
         policy_rows = [compiled.hidden_rows, compiled.scratch_rows, compiled.n_outputs, noise]
@@ -130,11 +153,13 @@ class CompiledRollouts:
                 weights, candidate_weights = shared, shared[None]
             else:
                 assert population is not None
-                weights, candidate_weights = np.zeros((population.shape[1], 16)), population
+                weights, candidate_weights = np.zeros((population.shape[1], LANES)), population
+            forward = first_class(compiled.forward, FORWARD_LANES if shared is None else FORWARD_SHARED)
             play(
-                kernel.reset, kernel.observe, kernel.step, kernel.floats, kernel.ints, np.array(env_rows),
-                compiled.forward, compiled.mode if greedy else compiled.sample, compiled.sizes, compiled.head_sizes,
-                np.array(policy_rows), weights, candidate_weights, np.uint64(key), episodes, candidates,
+                first_class(kernel.reset, RESET), first_class(kernel.observe, OBSERVE),
+                first_class(kernel.step, STEP), kernel.floats, kernel.ints, np.array(env_rows), forward,
+                first_class(compiled.mode if greedy else compiled.sample, SAMPLE), compiled.sizes,
+                compiled.head_sizes, np.array(policy_rows), weights, candidate_weights, np.uint64(key), episodes, candidates,
                 self.max_steps, queue, observations, actions, rewards, returns, lengths, terminated,
             )  # fmt: skip
 

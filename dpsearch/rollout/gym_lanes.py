@@ -1,18 +1,19 @@
 """Gymnasium environments side by side, one a lane, behind one small interface whatever their kind.
 
-Scalar environments are stepped one by one, and only while their lane has an episode to play. They start every episode
-with a seed of its own, so what happens in it does not depend on the lane or on how many there are. Vector environments
-start most episodes by themselves ("autoreset"), each in its own way; what is left of that is one rule: a row that was
-not ``played`` is none of an episode.
+Scalar environments are stepped one by one, and only while their lane has an episode to play. Every episode
+starts with a seed of its own, so what happens in it does not depend on the lane or on how many there are.
+Vector environments start most episodes by themselves ("autoreset"), each in its own way; what is left of that
+here is one rule: a row that was not ``played`` belongs to no episode.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from importlib import import_module
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -21,13 +22,20 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from dpsearch.policies.spaces import flatten_observations, head_for, observation_size, to_env_actions
+from dpsearch.policies.spaces import (
+    UnsupportedSpaceError,
+    flatten_observations,
+    head_for,
+    observation_size,
+    to_env_actions,
+)
 
 Env = gym.Env[Any, Any]
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 Factory = Callable[[], Env]
 EnvSource = str | EnvSpec | Env | VectorEnv | Callable[..., Env]
 """Everything that names an environment: an id, a spec, an environment, a vector environment, or a factory."""
+Vectorization = Literal["sync", "async", "vector_entry_point"]
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,7 @@ class GymLanes(ABC):
         """The number L of lanes to play some episodes with."""
 
     @abstractmethod
-    def start(self, seeds: Sequence[int]) -> None:
+    def start(self, seeds: NDArray[np.int64]) -> None:
         """Begin an episode in each of L lanes, with the seeds ``(L,)`` if the environments take so many."""
 
     @abstractmethod
@@ -95,8 +103,8 @@ class GymLanes(ABC):
         """
 
     @abstractmethod
-    def restart(self, lanes: NDArray[np.bool_], seeds: Sequence[int]) -> None:
-        """Begin an episode in some lanes ``(L,)``; nothing to do where the environments do it by themselves."""
+    def restart(self, lanes: NDArray[np.bool_], seeds: NDArray[np.int64]) -> None:
+        """Begin an episode in some lanes ``(L,)``, unless the environments do it by themselves."""
 
     @abstractmethod
     def close(self) -> None:
@@ -116,33 +124,32 @@ class ScalarLanes(GymLanes):
     def __init__(self, make: Factory, capacity: int) -> None:
         self.capacity = capacity
         self._make = make
-        self._envs: list[Env] = []
         env = make()
+        self._envs = [env]
         try:
             super().__init__(env.observation_space, env.action_space)
-        except TypeError:
-            env.close()
+        except UnsupportedSpaceError:
+            self.close()
             raise
-        self._envs.append(env)
         self.step_limit = step_limit(env)
-        self.reward_threshold = None if env.spec is None else env.spec.reward_threshold
+        self.reward_threshold = reward_threshold(env)
 
     def width(self, n_episodes: int) -> int:
         """As many lanes as episodes, up to the capacity."""
         return min(n_episodes, self.capacity)
 
-    def start(self, seeds: Sequence[int]) -> None:
+    def start(self, seeds: NDArray[np.int64]) -> None:
         """Begin an episode in each of L lanes."""
         while len(self._envs) < len(seeds):
             self._envs.append(self._make())
         self.observations = np.zeros((len(seeds), self.observation_size), np.float32)
         self.restart(np.ones(len(seeds), np.bool_), seeds)
 
-    def restart(self, lanes: NDArray[np.bool_], seeds: Sequence[int]) -> None:
+    def restart(self, lanes: NDArray[np.bool_], seeds: NDArray[np.int64]) -> None:
         """Begin an episode in some lanes."""
         for lane in np.flatnonzero(lanes):
             observation, _ = self._envs[lane].reset(seed=int(seeds[lane]))
-            self.observations[lane] = spaces.flatten(self.observation_space, observation)
+            self._see(lane, observation)
 
     def step(self, actions: NDArray[np.float64], busy: NDArray[np.bool_]) -> LaneStep:
         """Play one step in the busy lanes, and only there."""
@@ -150,9 +157,14 @@ class ScalarLanes(GymLanes):
         rewards = np.zeros(len(busy))
         terminated, truncated = np.zeros((2, len(busy)), np.bool_)
         for lane in np.flatnonzero(busy):
-            observation, rewards[lane], terminated[lane], truncated[lane], _ = self._envs[lane].step(env_actions[lane])
-            self.observations[lane] = spaces.flatten(self.observation_space, observation)
+            observation, rewards[lane], terminated[lane], truncated[lane], _ = self._envs[lane].step(
+                env_actions[lane]
+            )
+            self._see(lane, observation)
         return LaneStep(rewards, terminated, truncated, busy)
+
+    def _see(self, lane: np.intp, observation: Any) -> None:
+        self.observations[lane] = np.asarray(spaces.flatten(self.observation_space, observation), np.float32)
 
     def close(self) -> None:
         """Close the environments; more are made when they are needed again."""
@@ -183,27 +195,28 @@ class VectorLanes(GymLanes):
     """
 
     def __init__(self, env: VectorEnv, *, restarts: bool = False, owned: bool = False) -> None:
-        mode = env.metadata.get("autoreset_mode")
-        if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):
-            raise ValueError(f"a vector environment must reset itself by NEXT_STEP or SAME_STEP, this one has {mode}")
-        super().__init__(env.single_observation_space, env.single_action_space)
         self.capacity = env.num_envs
         self.restarts = restarts
         self._env = env
         self._owned = owned
+        mode = env.metadata.get("autoreset_mode")
+        try:
+            if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):
+                raise ValueError(f"autoreset mode {mode} is not supported: NEXT_STEP and SAME_STEP are")
+            super().__init__(env.single_observation_space, env.single_action_space)
+        except (ValueError, UnsupportedSpaceError):
+            self.close()
+            raise
         self._next_step = mode == AutoresetMode.NEXT_STEP
         self._over = np.zeros(env.num_envs, np.bool_)  # the lanes that the next step will not play
-        spec = env.spec
-        if spec is None and isinstance(env, gym.vector.SyncVectorEnv | gym.vector.AsyncVectorEnv):
-            spec = env.get_attr("spec")[0]
-        self.step_limit = getattr(env.unwrapped, "max_episode_steps", spec and spec.max_episode_steps)
-        self.reward_threshold = spec and spec.reward_threshold
+        self.step_limit = step_limit(env)
+        self.reward_threshold = reward_threshold(env)
 
     def width(self, n_episodes: int) -> int:
         """All lanes: they cannot be stepped without one another."""
         return self.capacity
 
-    def start(self, seeds: Sequence[int]) -> None:
+    def start(self, seeds: NDArray[np.int64]) -> None:
         """Begin an episode in every lane; a vector environment that takes one seed only gets the first."""
         try:
             observations, _ = self._env.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
@@ -212,8 +225,8 @@ class VectorLanes(GymLanes):
         self._see(observations)
         self._over[:] = False
 
-    def restart(self, lanes: NDArray[np.bool_], seeds: Sequence[int]) -> None:
-        """Begin an episode with a seed of its own, if the vector environment can; else it begins one by itself."""
+    def restart(self, lanes: NDArray[np.bool_], seeds: NDArray[np.int64]) -> None:
+        """Begin an episode with a seed of its own, unless the vector environment does so by itself."""
         if self.restarts and lanes.any():
             observations, _ = self._env.reset(
                 seed=[int(seed) for seed in seeds],  # type: ignore[arg-type]
@@ -227,10 +240,11 @@ class VectorLanes(GymLanes):
         env_actions = to_env_actions(self.action_space, actions)
         observations, rewards, terminated, truncated, _ = self._env.step(env_actions)
         played = ~self._over
+        ended = np.asarray(terminated, np.bool_), np.asarray(truncated, np.bool_)
         if self._next_step:
-            self._over = np.asarray(terminated | truncated, np.bool_)
+            self._over = ended[0] | ended[1]
         self._see(observations)
-        return LaneStep(np.asarray(rewards, np.float64), terminated, truncated, played)
+        return LaneStep(np.asarray(rewards, np.float64), *ended, played)
 
     def _see(self, observations: Any) -> None:
         self.observations = flatten_observations(self.observation_space, observations)
@@ -241,36 +255,101 @@ class VectorLanes(GymLanes):
             self._env.close()
 
 
-def env_factory(source: str | EnvSpec | Callable[..., Env], env_kwargs: dict[str, Any], max_steps: int | None) -> Factory:
+def open_lanes(
+    source: EnvSource,
+    num_envs: int | None = None,
+    max_steps: int | None = None,
+    vectorization: Vectorization = "sync",
+    env_kwargs: dict[str, Any] | None = None,
+) -> GymLanes:
+    """Lanes for an environment given in any form; ``VectorRollouts`` says what the arguments mean.
+
+    Raises:
+        UnsupportedSpaceError: If a space is of a kind that no policy can handle.
+        ValueError: If the environment is unknown, or an argument does not apply to it.
+    """
+    if vectorization not in ("sync", "async", "vector_entry_point"):
+        raise ValueError(
+            f"vectorization must be 'sync', 'async' or 'vector_entry_point', got {vectorization!r}"
+        )
+    if isinstance(source, gym.Env | gym.vector.VectorEnv):
+        if num_envs is not None or env_kwargs or vectorization != "sync":
+            raise ValueError(
+                "a ready environment takes neither num_envs, env_kwargs nor vectorization: give a factory"
+            )
+        return ReadyLane(source) if isinstance(source, gym.Env) else VectorLanes(source)
+    count = 32 if num_envs is None else num_envs
+    if vectorization == "vector_entry_point":
+        return _own_vector_class(source, count, _make_arguments(env_kwargs, max_steps))
+    make = env_factory(source, env_kwargs, max_steps)
+    if vectorization == "sync":
+        return ScalarLanes(make, count)
+    return VectorLanes(gym.vector.AsyncVectorEnv([make] * count), restarts=True, owned=True)
+
+
+def env_factory(
+    source: str | EnvSpec | Callable[..., Env],
+    env_kwargs: dict[str, Any] | None = None,
+    max_steps: int | None = None,
+) -> Factory:
     """What makes one environment of a kind.
 
     Args:
-        source: An id, such as ``"CartPole-v1"``, ``"module:Name-v0"`` or ``"dpsearch/TMaze-v0"``; a spec; a factory.
-        env_kwargs: Arguments of the environment.
+        source: An id ("CartPole-v1", "module:Name-v0", "dpsearch/TMaze-v0"), a spec, or a factory.
+        env_kwargs: Arguments of the environment, or of the factory.
         max_steps: Step limit in place of the registered one; a factory knows its own.
     """
     if not isinstance(source, str | EnvSpec):
-        return partial(source, **env_kwargs)
-    if isinstance(source, str) and source.startswith("dpsearch/"):
-        source = f"dpsearch.envs:{source}"  # Gymnasium imports what stands before the colon
+        return partial(source, **(env_kwargs or {}))
+    return partial(_make, gym.make, source, **_make_arguments(env_kwargs, max_steps))
+
+
+def _own_vector_class(source: EnvSource, count: int, arguments: dict[str, Any]) -> GymLanes:
+    if not isinstance(source, str | EnvSpec):
+        raise ValueError("vectorization='vector_entry_point' needs an id or a spec")
+    env = _make(gym.make_vec, source, num_envs=count, vectorization_mode="vector_entry_point", **arguments)
+    return VectorLanes(env, owned=True)
+
+
+def _make_arguments(env_kwargs: dict[str, Any] | None, max_steps: int | None) -> dict[str, Any]:
     limit = {} if max_steps is None else {"max_episode_steps": max_steps}
-    return partial(_make, source, **limit, **env_kwargs)
+    return {**(env_kwargs or {}), **limit}
 
 
-def _make(source: str | EnvSpec, **kwargs: Any) -> Env:
+def _make(make: Callable[..., Any], source: str | EnvSpec, **arguments: Any) -> Any:
+    """Call ``gym.make`` or ``gym.make_vec``, with one error for all that can be wrong with an id."""
+    name = source if isinstance(source, str) else source.id
+    if name.startswith("dpsearch/"):
+        import_module("dpsearch.envs")  # registers them
     try:
-        return gym.make(source, **kwargs)
+        return make(source, **arguments)
     except (gym.error.Error, ModuleNotFoundError) as error:
-        name = source if isinstance(source, str) else source.id
         raise ValueError(f"cannot make environment {name!r}: {error}") from error
 
 
-def step_limit(env: Env) -> int | None:
-    """Steps after which an episode of this environment is cut off: the smallest limit it names, None without any."""
-    limits = [getattr(env.unwrapped, "max_episode_steps", None), env.spec and env.spec.max_episode_steps]
-    layer = env
+def step_limit(env: Env | VectorEnv) -> int | None:
+    """Steps after which an episode is cut off: the smallest limit an environment names, None without any."""
+    spec = _spec(env)
+    limits = [
+        getattr(env.unwrapped, "max_episode_steps", None),
+        None if spec is None else spec.max_episode_steps,
+    ]
+    layer: Any = env
     while isinstance(layer, gym.Wrapper):
         if isinstance(layer, gym.wrappers.TimeLimit):
             limits.append(layer._max_episode_steps)
         layer = layer.env
     return min((limit for limit in limits if limit is not None), default=None)
+
+
+def reward_threshold(env: Env | VectorEnv) -> float | None:
+    """Mean return that counts as solved, None if the environment names none."""
+    spec = _spec(env)
+    return None if spec is None else spec.reward_threshold
+
+
+def _spec(env: Env | VectorEnv) -> EnvSpec | None:
+    if env.spec is None and isinstance(env, gym.vector.SyncVectorEnv | gym.vector.AsyncVectorEnv):
+        spec: EnvSpec | None = env.get_attr("spec")[0]
+        return spec
+    return env.spec

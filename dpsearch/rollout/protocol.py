@@ -66,8 +66,8 @@ class Rollouts(Protocol):
             policy: The architecture; its own weights are not used.
             population: ``(N, P)`` weight vectors in the layout of ``policy.vector()``.
             key: 64-bit key of the randomness.
-            episodes: ``(N, E)`` episode numbers that each candidate plays. Rows that are equal give all candidates
-                the same start states and noise (common random numbers).
+            episodes: ``(N, E)`` episode numbers that each candidate plays. Rows that are equal give all
+                candidates the same start states and noise (common random numbers).
             greedy: Take the most probable action instead of a random one.
 
         Returns:
@@ -78,3 +78,35 @@ class Rollouts(Protocol):
     def close(self) -> None:
         """Let go of threads, processes and windows."""
         ...
+
+
+def check_fit(policy: RecurrentPolicy, observation_size: int, action_size: int) -> None:
+    """Make sure that a policy sees and does what an environment shows and takes.
+
+    Raises:
+        ValueError: If it does not.
+    """
+    if (policy.observation_size, policy.head.action_size) != (observation_size, action_size):
+        raise ValueError(
+            f"the policy maps {policy.observation_size} observations to {policy.head.action_size} actions, "
+            f"the environment has {observation_size} and {action_size}"
+        )
+
+
+def check_population(
+    policy: RecurrentPolicy, population: ArrayLike, episodes: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
+    """The arguments of ``Rollouts.evaluate`` as contiguous arrays: weights ``(N, P)`` and numbers ``(N, E)``.
+
+    Raises:
+        ValueError: If they do not fit one another or the policy, or there is nothing to play.
+    """
+    weights = np.ascontiguousarray(population, np.float64)
+    numbers = np.ascontiguousarray(episodes, np.uint64)
+    if weights.ndim != 2 or numbers.ndim != 2 or len(weights) != len(numbers) or numbers.size == 0:
+        shapes = f"{weights.shape} and {numbers.shape}"
+        raise ValueError(f"population (N, P) and episodes (N, E) do not fit: {shapes}")
+    size = sum(parameter.numel() for parameter in policy.free_parameters())
+    if weights.shape[1] != size:
+        raise ValueError(f"this policy has {size} free parameters, got weight vectors of {weights.shape[1]}")
+    return weights, numbers

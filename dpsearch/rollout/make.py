@@ -1,0 +1,85 @@
+"""Which engine plays an environment: lanes if it has a kernel, else Gymnasium's own interface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
+
+from dpsearch.kernels.lanes import EnvKernel
+from dpsearch.rollout.compiled import CompiledRollouts
+from dpsearch.rollout.gym_lanes import Env, EnvSource, VectorEnv, env_factory, reward_threshold, step_limit
+from dpsearch.rollout.protocol import Rollouts
+from dpsearch.rollout.vector import VectorRollouts
+
+_TRANSPARENT = (
+    TimeLimit,
+    OrderEnforcing,
+    PassiveEnvChecker,
+)  # what gym.make adds: none changes what is seen or paid
+
+
+def make_rollouts(
+    env: EnvSource,
+    *,
+    threads: int = 1,
+    num_envs: int | None = None,
+    env_kwargs: dict[str, Any] | None = None,
+    max_episode_steps: int | None = None,
+) -> Rollouts:
+    """Rollouts of an environment, by the fastest engine that can play it.
+
+    Args:
+        env: An id ("CartPole-v1", "module:Name-v0", "dpsearch/TMaze-v0"), a spec, an environment, a vector
+            environment, or a factory.
+        threads: Threads of the lane engine; results do not depend on it.
+        num_envs: Environments that the vector engine plays side by side; 32 if None.
+        env_kwargs: Arguments of the environment, or of the factory.
+        max_episode_steps: Step limit of an episode, in place of the registered one.
+
+    Raises:
+        UnsupportedSpaceError: If a space is of a kind that no policy can handle.
+        ValueError: If the environment is unknown, has no step limit, or an argument is out of range.
+    """
+    if isinstance(env, gym.Env | gym.vector.VectorEnv):
+        lanes = None if env_kwargs else _compiled(env, threads, max_episode_steps)
+    else:
+        probe = env_factory(env, env_kwargs, max_episode_steps)()
+        lanes = _compiled(probe, threads, max_episode_steps)
+        probe.close()
+    return lanes or VectorRollouts(
+        env, num_envs=num_envs, max_episode_steps=max_episode_steps, env_kwargs=env_kwargs
+    )
+
+
+def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None) -> CompiledRollouts | None:
+    """The lane engine, if the environment has a kernel and no wrapper changes what the kernel does."""
+    kernel = getattr(env.unwrapped, "kernel", None)
+    if not isinstance(kernel, EnvKernel) or not _is_bare(env):
+        return None
+    limits = [limit for limit in (max_episode_steps, step_limit(env)) if limit is not None]
+    if not limits:
+        raise ValueError("the environment has no step limit: give max_episode_steps")
+    spaces: tuple[gym.Space[Any], gym.Space[Any]] = (
+        (env.single_observation_space, env.single_action_space)
+        if isinstance(env, gym.vector.VectorEnv)
+        else (env.observation_space, env.action_space)
+    )
+    return CompiledRollouts(
+        kernel,
+        max_steps=min(limits),
+        threads=threads,
+        observation_space=spaces[0],
+        action_space=spaces[1],
+        reward_threshold=reward_threshold(env),
+    )
+
+
+def _is_bare(env: Env | VectorEnv) -> bool:
+    layer: Any = env
+    while layer is not env.unwrapped:
+        if type(layer) not in _TRANSPARENT:
+            return False
+        layer = layer.env
+    return True

@@ -1,0 +1,209 @@
+"""RPG against closed forms, finite differences of an exact expected return, and tasks that need memory."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from dpsearch.algos import RPG, RPGConfig
+from dpsearch.envs.tmaze import TMaze
+from dpsearch.policies import PolicyConfig
+from dpsearch.rollout import Episodes
+
+HORIZON = 4  # steps of the small POMDP: all 2 * 4**4 histories can be listed
+
+
+def small_rpg(**settings) -> RPG:
+    policy = PolicyConfig(hidden_size=3, init_range=0.7)
+    return RPG(TMaze(corridor_length=1, max_episode_steps=HORIZON), policy=policy, **{"gamma": 1.0, **settings})
+
+
+def histories() -> list[Episodes]:
+    """Every history of the T-maze with corridor 1, each an episode of its own, played by the scalar environment."""
+    env = TMaze(corridor_length=1, max_episode_steps=HORIZON)
+    found: dict[tuple, Episodes] = {}
+    seeds = {}
+    for seed in range(50):  # one seed for each road sign
+        seeds.setdefault(tuple(env.reset(seed=seed)[0]), seed)
+    assert len(seeds) == 2
+    for seed, actions in itertools.product(seeds.values(), itertools.product(range(4), repeat=HORIZON)):
+        observation, _ = env.reset(seed=seed)
+        seen, rewards = [], []
+        for action in actions:
+            seen.append(observation)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            rewards.append(reward)
+            if terminated or truncated:
+                break
+        length = len(rewards)
+        found[seed, actions[:length]] = Episodes(
+            observations=np.array(seen, np.float32)[:, None],
+            actions=np.array(actions[:length], np.float32)[:, None, None],
+            rewards=np.array(rewards, np.float32)[:, None],
+            lengths=np.array([length]),
+            terminated=np.array([terminated]),
+            returns=np.array([float(np.sum(rewards))]),
+        )
+    return list(found.values())
+
+
+def probabilities(rpg: RPG, episodes: list[Episodes]) -> torch.Tensor:
+    """p(H) of each history under the policy; the two road signs are equally likely."""
+    log_p = []
+    for e in episodes:
+        outputs, _ = rpg.policy(torch.from_numpy(e.observations).double())
+        log_p.append(rpg.policy.head.log_prob(outputs, torch.from_numpy(e.actions)).sum())
+    return torch.stack(log_p).exp() / 2
+
+
+def exact_expected_return(rpg: RPG, vector: np.ndarray, episodes: list[Episodes]) -> float:
+    rpg.policy.load_vector(vector)
+    with torch.no_grad():
+        return float(probabilities(rpg, episodes) @ torch.tensor([e.returns[0] for e in episodes]))
+
+
+def gradient_of(rpg: RPG, episodes: Episodes, baseline: float = 0.0) -> np.ndarray:
+    rpg.optimizer.zero_grad()
+    loss, _ = rpg.loss(episodes, episodes.returns_to_go(rpg.config.gamma) - baseline)
+    loss.backward()
+    return -np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+
+
+@pytest.mark.parametrize("baseline", [0.0, 1.7])
+def test_the_expected_gradient_is_that_of_the_exact_expected_return(baseline):
+    rpg, episodes = small_rpg(), histories()
+    start = rpg.policy.vector()
+    exact = small_rpg()
+    exact.policy.double()
+    chances = probabilities(exact, episodes).detach().numpy()
+    assert chances.sum() == pytest.approx(1.0, abs=1e-6)
+    expected = sum(p * gradient_of(rpg, e, baseline) for p, e in zip(chances, episodes, strict=True))
+    step = 1e-5
+    differences = np.empty_like(start)
+    for i in range(len(start)):
+        moved = start.copy()
+        moved[i] += step
+        up = exact_expected_return(exact, moved, episodes)
+        moved[i] -= 2 * step
+        differences[i] = (up - exact_expected_return(exact, moved, episodes)) / (2 * step)
+    np.testing.assert_allclose(expected, differences, rtol=1e-4, atol=2e-6)
+
+
+def test_sampled_gradients_average_to_the_exact_one():
+    rpg, episodes = small_rpg(batch_size=500), histories()
+    exact = small_rpg()
+    exact.policy.double()
+    chances = probabilities(exact, episodes).detach().numpy()
+    expected = sum(p * gradient_of(rpg, e) for p, e in zip(chances, episodes, strict=True))
+    samples = np.array([gradient_of(rpg, rpg.play_batch(500)) for _ in range(100)])
+    error = samples.std(0, ddof=1) / np.sqrt(len(samples))
+    deviations = (samples.mean(0) - expected) / np.maximum(error, 1e-9)
+    assert np.abs(deviations).max() < 5.0
+    assert np.sqrt(np.mean(deviations**2)) == pytest.approx(1.0, abs=0.5)
+
+
+def test_output_eligibilities_of_a_softmax_are_action_minus_probability():
+    rpg = small_rpg()
+    episodes = rpg.play_batch(6)
+    returns = episodes.returns_to_go(1.0)
+    automatic = gradient_of(rpg, episodes)
+    outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
+    chosen = torch.nn.functional.one_hot(torch.from_numpy(episodes.actions[..., 0]).long(), 4)
+    eligibilities = (chosen - torch.softmax(outputs, -1)) * torch.from_numpy(returns * episodes.mask)[..., None] / 6
+    rpg.optimizer.zero_grad()
+    outputs.backward(eligibilities.detach())  # section 3.4.2: a_i - p_i, backpropagated through time
+    by_hand = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+    np.testing.assert_allclose(automatic, by_hand, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("variance_scaled", [False, True])
+def test_output_eligibilities_of_a_gaussian_are_those_of_section_3_4_1(variance_scaled):
+    rpg = RPG("Pendulum-v1", batch_size=2, variance_scaled=variance_scaled, policy=PolicyConfig(init_range=0.3))
+    episodes = rpg.play_batch(2)
+    weights = np.random.default_rng(0).normal(size=episodes.rewards.shape).astype(np.float32)
+    rpg.optimizer.zero_grad()
+    loss, _ = rpg.loss(episodes, weights)
+    loss.backward()
+    automatic = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+    outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
+    action, mean = torch.from_numpy(episodes.actions[..., 0]), outputs[..., 0].detach()
+    sigma = torch.sigmoid(outputs[..., 1]).detach()
+    of_mean = (action - mean) / sigma**2
+    of_sigma = ((action - mean) ** 2 - sigma**2) / sigma**3
+    eligibilities = torch.stack([of_mean, of_sigma * sigma * (1 - sigma)], -1)  # the sigmoid's own slope
+    scale = sigma**2 if variance_scaled else torch.ones_like(sigma)
+    rpg.optimizer.zero_grad()
+    outputs.backward(-eligibilities * (torch.from_numpy(weights) * scale)[..., None] / 2)
+    by_hand = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+    np.testing.assert_allclose(automatic, by_hand, rtol=2e-3, atol=1e-5)
+
+
+def test_the_gradient_is_normalised_to_the_length_asked_for():
+    rpg = small_rpg(gradient_length=0.3, learning_rate=1.0)
+    before = rpg.policy.vector()
+    rpg.update()
+    assert np.linalg.norm(rpg.policy.vector() - before) == pytest.approx(0.3, rel=1e-4)
+
+
+def test_the_baseline_is_the_mean_return_of_the_last_episodes_before_the_batch():
+    rpg = small_rpg(batch_size=8, baseline_episodes=12)
+    assert rpg.update()["baseline"] == 0.0
+    first = rpg.rollouts.collect(small_rpg().policy, 8, key=rpg.training_key)
+    assert rpg.update()["baseline"] == pytest.approx(first.returns.mean(), rel=1e-6)
+    rpg.update()
+    assert len(rpg.baseline_returns) == 12
+
+
+@pytest.mark.parametrize("optimizer", ["SGD", "Adam", "RMSprop"])
+def test_any_torch_optimiser_learns(optimizer):
+    rpg = small_rpg(optimizer=optimizer, learning_rate=0.05, gradient_length=None)
+    before = rpg.evaluate(200).mean_return
+    rpg.learn(total_updates=150)
+    assert rpg.evaluate(200).mean_return > before + 1.0
+
+
+def test_state_goes_on_bit_for_bit():
+    one, other = small_rpg(optimizer="Adam", learning_rate=0.01), small_rpg(optimizer="Adam", learning_rate=0.01)
+    one.learn(total_updates=20)
+    other.learn(total_updates=7)
+    resumed = small_rpg(optimizer="Adam", learning_rate=0.01)
+    resumed.load_state_dict(other.state_dict())
+    resumed.learn(total_updates=20)
+    np.testing.assert_array_equal(one.policy.vector(), resumed.policy.vector())
+    assert list(one.recent_returns) == list(resumed.recent_returns)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [("batch_size", 0), ("gamma", 1.5), ("learning_rate", -1.0), ("optimizer", "Sgd"), ("gradient_length", 0.0)],
+)
+def test_a_setting_out_of_range_is_named(setting, value):
+    with pytest.raises(ValueError, match=setting):
+        RPGConfig(**{setting: value})
+
+
+def test_an_infinite_reward_stops_the_run_and_names_the_episode():
+    rpg = small_rpg(batch_size=4)
+    rpg.rollouts.kernel.floats[:] = np.where(rpg.rollouts.kernel.floats < 0, np.nan, rpg.rollouts.kernel.floats)
+    with pytest.raises(FloatingPointError, match="episode"):
+        rpg.update()
+
+
+BEST_WITHOUT_MEMORY = 1.95  # half of the signs are right: (4 - 0.1) / 2, exact
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_lstm_learns_what_no_memoryless_policy_can(seed):
+    rpg = RPG("dpsearch/TMaze-v0", env_kwargs={"corridor_length": 5}, seed=seed).learn(total_steps=3_000_000, until_solved=True)
+    assert rpg.solved
+    assert rpg.evaluate(1000).mean_return > 3.5
+
+
+def test_without_memory_the_best_is_half_of_the_signs():
+    rpg = RPG("dpsearch/TMaze-v0", env_kwargs={"corridor_length": 5}, policy=PolicyConfig(core="none"), seed=0)
+    rpg.learn(total_updates=800, until_solved=True)
+    assert not rpg.solved
+    assert rpg.evaluate(2000).mean_return < BEST_WITHOUT_MEMORY + 0.3

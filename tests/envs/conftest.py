@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dpsearch.envs.tabular import TabularPOMDP
+
+
+@pytest.fixture(scope="session")
+def noisy_pomdp() -> TabularPOMDP:
+    """Six states, three actions, four symbols: transitions, rewards and both kinds of observation are random."""
+    random = np.random.default_rng(7)
+    actions, states, symbols = 3, 6, 4
+
+    def distributions(*shape: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        weights = random.dirichlet(np.ones(shape[-1]), shape[:-1]) * (random.random(shape) < 0.7)
+        weights[..., 0] += 0.05
+        return weights / weights.sum(axis=-1, keepdims=True)
+
+    start = distributions(states)
+    start[5] = 0
+    return TabularPOMDP.from_dense(
+        distributions(actions, states, states),
+        distributions(actions, states, symbols),
+        random.normal(size=(actions, states, states)),
+        start / start.sum(),
+        first_observation=distributions(states, symbols),
+        features=random.normal(size=(symbols, 2)),
+        terminal=[5],
+        discount=0.9,
+    )
