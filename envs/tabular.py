@@ -74,7 +74,7 @@ class TabularPOMDP:
             raise ValueError(f"observations have {self.observations.n_columns} symbols, features {symbols}")
         self.start.check("start state", lambda row: "the model")
         self.transitions.check("next state", lambda row: f"state {row // actions}, action {row % actions}")
-        self.observations.check("symbol", lambda row: f"observation row {row}")
+        self.observations.check("observation", self._first_use)
         for name in ("observation_row", "first_observation_row"):
             rows = getattr(self, name)
             if rows.min() < 0 or rows.max() >= self.observations.n_rows:
@@ -94,6 +94,12 @@ class TabularPOMDP:
         ):
             if names and len(names) != count:
                 raise ValueError(f"{name} must have {count} names or none, got {len(names)}")
+
+    def _first_use(self, row: int) -> str:
+        """Where a row of the pool of observations is used, for messages."""
+        for state, action in np.argwhere(self.observation_row == row):
+            return f"state {state}, action {action}"
+        return f"state {np.argmax(self.first_observation_row == row)} at the start"
 
     def _require_that_ended_episodes_stay(self) -> None:
         origin = self.transitions.row_of_entry() // self.n_actions
@@ -233,7 +239,7 @@ class TabularPOMDP:
         values = np.eye(n_symbols) if features is None else np.asarray(features, np.float64)
         if first_observation is None:
             seen = np.pad(seen, ((0, 0), (0, 0), (0, 1)))
-            values = np.pad(values, ((0, 1), (0, 0)))
+            values = np.append(values, np.zeros((1, *values.shape[1:])), axis=0)
             first = np.eye(n_symbols + 1)[[n_symbols] * n_states]
             if observation_names:
                 observation_names = (*observation_names, "nothing")

@@ -126,6 +126,7 @@ class TMaze(KernelEnv):
 
     Attributes:
         corridor_length: N.
+        encoding: How symbols become inputs.
         pomdp: The task as tables.
 
     Raises:
@@ -142,6 +143,7 @@ class TMaze(KernelEnv):
         render_mode: str | None = None,
     ) -> None:
         self.corridor_length = _checked_length(corridor_length)
+        self.encoding = encoding
         self.pomdp = tmaze_pomdp(corridor_length, encoding)
         if max_episode_steps is None:
             max_episode_steps = default_limit(corridor_length)

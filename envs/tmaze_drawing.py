@@ -87,17 +87,17 @@ def visible_cells(corridor_length: int, position: int) -> list[int | None]:
 
     Always the same number for one length, so that pictures of an episode do not jump.
     """
-    if corridor_length < _SLOTS:
-        return list(range(corridor_length + 1))
     last = corridor_length
-    if position <= 2 * _EDGE + _AROUND - 2:
-        head = _SLOTS - 1 - _EDGE
-        return [*range(head), None, *range(last - _EDGE + 1, last + 1)]
-    if position >= last - (2 * _EDGE + _AROUND - 2):
-        tail = _SLOTS - 1 - _EDGE
-        return [*range(_EDGE), None, *range(last - tail + 1, last + 1)]
-    window = range(position - _AROUND, position + _AROUND + 1)
-    return [*range(_EDGE), None, *window, None, *range(last - _EDGE + 1, last + 1)]
+    if last < _SLOTS:
+        return list(range(last + 1))
+    head, tail = list(range(_EDGE)), list(range(last - _EDGE + 1, last + 1))
+    near = 2 * _EDGE + _AROUND - 1  # so near an end, one gap is enough
+    long = _SLOTS - 1 - _EDGE
+    if position <= near:
+        return [*range(long), None, *tail]
+    if position >= last - near:
+        return [*head, None, *range(last - long + 1, last + 1)]
+    return [*head, None, *range(position - _AROUND, position + _AROUND + 1), None, *tail]
 
 
 def picture(view: View) -> Frame:

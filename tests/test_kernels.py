@@ -125,7 +125,7 @@ def test_low_bits_of_draws_are_uniform() -> None:
 
 @pytest.mark.parametrize("neighbour", ["next step", "next episode", "next row", "next seed", "next purpose"])
 def test_neighbouring_draws_are_independent(neighbour: str) -> None:
-    """No correlation, and a uniform joint distribution: neighbours differ by one in a single word of the counter."""
+    """Uncorrelated and jointly uniform, although they differ by one in a single word of the counter."""
     key = stream_key(5)
     x = stream(key, 8000)
     if neighbour == "next step":
@@ -192,7 +192,7 @@ def points(low: float, high: float) -> NDArray[np.float64]:
     return np.concatenate([np.linspace(low, high, 20_001), random.uniform(low, high, 100_000)])
 
 
-def error(ours: NDArray[np.float64], exact: NDArray[np.longdouble]) -> float:
+def error(ours: NDArray[np.float64], exact: NDArray[np.floating]) -> float:
     """The largest relative error; the reference has 64 bits of mantissa."""
     exact = np.asarray(exact, np.longdouble)
     return float(np.max(np.abs((ours - exact) / np.where(exact == 0, 1, exact))))
@@ -246,7 +246,9 @@ def _affine(weights, offset, rows, columns, x, output):  # type: ignore[no-untyp
 def test_affine_adds_the_product_of_matrix_and_vector(rows: int, columns: int, shared: bool) -> None:
     random = np.random.default_rng(rows)
     offset = 5
-    weights = random.normal(size=offset + rows * columns + 2 if shared else (offset + rows * columns + 2, LANES))
+    weights = random.normal(
+        size=offset + rows * columns + 2 if shared else (offset + rows * columns + 2, LANES)
+    )
     x, output = random.normal(size=(columns + 1, LANES)), random.normal(size=(rows + 1, LANES))
     before = output.copy()
     _affine(weights, offset, rows, columns, x, output)

@@ -10,6 +10,8 @@ from typing import Any
 
 import torch
 
+from dpsearch import __version__
+
 FORMAT = 1
 
 
@@ -19,8 +21,8 @@ class CheckpointError(RuntimeError):
 
 def versions() -> dict[str, str]:
     """Versions of what a run depends on."""
-    packages = {name: version(name) for name in ("dpsearch", "torch", "numpy", "gymnasium", "numba")}
-    return {"python": platform.python_version(), **packages}
+    packages = {name: version(name) for name in ("torch", "numpy", "gymnasium", "numba")}
+    return {"python": platform.python_version(), "dpsearch": __version__, **packages}
 
 
 def write_checkpoint(path: str | os.PathLike[str], content: dict[str, Any]) -> None:

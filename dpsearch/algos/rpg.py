@@ -11,7 +11,6 @@ whole batch gives the exact gradient of that sum, memory included.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
@@ -21,6 +20,7 @@ import torch
 from torch import Tensor
 
 from dpsearch.algos.base import Algorithm, Env, Metrics
+from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes
 
@@ -36,7 +36,15 @@ class RPGConfig:
         learning_rate: Its step size alpha.
         optimizer_options: Its other arguments, such as ``{momentum: 0.9}``.
         gradient_length: Length that the gradient is normalised to before the step; None leaves it as it is.
-        baseline_episodes: Episodes in the moving average of returns that is the baseline b; 0 for none.
+        baseline: ``"constant"``: b is the mean of all R_t of the last ``baseline_episodes`` episodes (section 3.3.2).
+            ``"shared"``: b(h_t) is a linear read-out of the policy's own memory, trained on the returns received in
+            the same backward pass. It teaches the memory to hold what returns depend on, long before the policy can
+            profit from it.
+        baseline_episodes: Episodes in the constant baseline's moving average; 0 for no baseline.
+        baseline_weight: Weight of the shared baseline's squared error in the loss.
+        batch_steps: If given, a batch has as many episodes as it takes to play about this many environment steps,
+            judged by the mean length in the batch before (``batch_size`` is the least, 64 times that the most), so
+            that the long episodes of an unskilled policy do not use up the time.
         variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
             finite as sigma goes to 0.
     """
@@ -47,7 +55,10 @@ class RPGConfig:
     learning_rate: float = 1.0
     optimizer_options: dict[str, Any] = field(default_factory=dict)
     gradient_length: float | None = 0.3
+    baseline: str = "constant"
     baseline_episodes: int = 100
+    baseline_weight: float = 0.1
+    batch_steps: int | None = None
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
@@ -57,6 +68,9 @@ class RPGConfig:
             "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
             "learning_rate": (self.learning_rate > 0.0, "positive"),
             "gradient_length": (self.gradient_length is None or self.gradient_length > 0.0, "positive or null"),
+            "baseline": (self.baseline in ("constant", "shared"), "'constant' or 'shared'"),
+            "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
+            "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
             "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
             "optimizer": (isinstance(getattr(torch.optim, self.optimizer, None), type), "a class of torch.optim"),
         }
@@ -85,54 +99,60 @@ class RPG(Algorithm[RPGConfig]):
         super().__init__(
             env, config, policy=policy, seed=seed, threads=threads, env_kwargs=env_kwargs, **overrides
         )
-        self.parameters = self.policy.free_parameters()
+        self.baseline: Baseline = (
+            ConstantBaseline(self.config.baseline_episodes)
+            if self.config.baseline == "constant"
+            else SharedBaseline(self.policy.hidden_size, self.config.baseline_weight)
+        )
+        self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
         make_optimizer = getattr(torch.optim, self.config.optimizer)
         self.optimizer: torch.optim.Optimizer = make_optimizer(
             self.parameters, lr=self.config.learning_rate, **self.config.optimizer_options
         )
-        self.baseline_returns: deque[float] = deque(maxlen=self.config.baseline_episodes)
+        self.batch_size = self.config.batch_size
 
     def update(self) -> Metrics:
         """Play a batch, ascend its gradient (section 3.3.3), and say how it went."""
         start = perf_counter()
-        episodes = self.play_batch(self.config.batch_size)
+        episodes = self.play_batch(self.batch_size)
         sampled = perf_counter()
-        baseline = self.baseline()
-        returns = episodes.returns_to_go(self.config.gamma)  # R_t, (T, N), section 2.1
-        self.baseline_returns.extend(returns[0].tolist())
         self.optimizer.zero_grad()
-        loss, entropy = self.loss(episodes, returns - baseline)
+        loss, entropy = self.loss(episodes)
         loss.backward()  # type: ignore[no-untyped-call]
         length = self._normalise_gradient()
         backpropagated = perf_counter()
         self.optimizer.step()
         self.updates += 1
+        if self.config.batch_steps is not None:
+            fitting = round(self.config.batch_steps * len(episodes) / episodes.steps)
+            self.batch_size = min(max(fitting, self.config.batch_size), 64 * self.config.batch_size)
         return {
             "return": float(episodes.returns.mean()),
             "episode_length": episodes.steps / len(episodes),
             "gradient_norm": length,
             "entropy": entropy,
-            "baseline": baseline,
             "time/sample": sampled - start,
             "time/gradient": backpropagated - sampled,
             "time/step": perf_counter() - backpropagated,
         }
 
-    def baseline(self) -> float:
-        """b: the mean discounted return of the last episodes before this batch, so that it cannot bias the gradient."""
-        return float(np.mean(self.baseline_returns)) if self.baseline_returns else 0.0
-
-    def loss(self, episodes: Episodes, advantages: np.ndarray) -> tuple[Tensor, float]:
-        """Minus the weighted log-likelihood whose gradient is section 3.3.2's, and the policy's mean entropy."""
+    def loss(self, episodes: Episodes) -> tuple[Tensor, float]:
+        """Minus the objective whose gradient is section 3.3.2's, and the policy's mean entropy in nats."""
+        head, config = self.policy.head, self.config
         mask = torch.from_numpy(episodes.mask)  # (T, N)
-        weights = torch.from_numpy(advantages.astype(np.float32)) * mask
-        outputs, _ = self.policy(torch.from_numpy(episodes.observations))  # (T, N, K): one fused call
-        log_prob = self.policy.head.log_prob(outputs, torch.from_numpy(episodes.actions))  # (T, N)
-        if self.config.variance_scaled:
-            weights = weights * self.policy.head.variance(outputs)
+        returns = torch.from_numpy(episodes.returns_to_go(config.gamma))  # R_t, (T, N), section 2.1
+        features, _ = self.policy.remember(torch.from_numpy(episodes.observations))  # (T, N, H), one fused call
+        outputs = self.policy.readout(features)  # (T, N, K)
+        baseline, baseline_loss = self.baseline(features, returns, mask)
+        advantages = (returns - baseline) * mask  # R_t - b, (T, N)
+        if config.variance_scaled:
+            advantages = advantages * head.variance(outputs)
+        objective = (head.log_prob(outputs, torch.from_numpy(episodes.actions)) * advantages).sum()
+        if baseline_loss is not None:
+            objective = objective - baseline_loss
         with torch.no_grad():
-            entropy = (self.policy.head.entropy(outputs) * mask).sum() / mask.sum()
-        return -(log_prob * weights).sum() / len(episodes), float(entropy)
+            entropy = (head.entropy(outputs) * mask).sum()
+        return -objective / len(episodes), float(entropy) / episodes.steps
 
     def _normalise_gradient(self) -> float:
         """Scale the gradient to the length asked for; returns the length it had."""
@@ -151,11 +171,13 @@ class RPG(Algorithm[RPGConfig]):
         return {
             **super().state_dict(),
             "optimizer": self.optimizer.state_dict(),
-            "baseline_returns": list(self.baseline_returns),
+            "baseline": self.baseline.state_dict(),
+            "batch_size": self.batch_size,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on exactly where ``state_dict`` was taken."""
         super().load_state_dict(state)
         self.optimizer.load_state_dict(state["optimizer"])
-        self.baseline_returns = deque(state["baseline_returns"], maxlen=self.config.baseline_episodes)
+        self.baseline.load_state_dict(state["baseline"])
+        self.batch_size = state["batch_size"]

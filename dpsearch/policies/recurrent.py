@@ -30,7 +30,8 @@ class PolicyConfig:
     hidden_size: int = 10
     bias: bool = True
     init_range: float = 0.01
-    memory_horizon: int | None = None
+    forget_bias: float = 0.0
+    input_bias: float = 0.0
 
 
 class RecurrentPolicy(nn.Module):
@@ -43,9 +44,10 @@ class RecurrentPolicy(nn.Module):
         hidden_size: Cells H of the core; the thesis uses 10.
         bias: Whether core and read-out have biases.
         init_range: Weights and biases start uniform in [-init_range, init_range] (thesis: 0.01).
-        memory_horizon: If given, the time in steps that an LSTM should be able to bridge from the start: the forget
-            biases start at log U(1, horizon - 1) and the input biases at minus that (Tallec and Ollivier, ICLR 2018,
-            equation 16). With all biases near 0 a cell forgets half of its content at every step.
+        forget_bias: Added to the initial biases of an LSTM's forget gates. A cell keeps sigmoid(forget_bias) of its
+            content from one step to the next: half with biases near 0, 99.9% with 7.
+        input_bias: Added to the initial biases of its input gates; a negative one keeps cells from filling up with
+            what is seen at every step.
         seed: Seed of the initial weights.
     """
 
@@ -58,22 +60,23 @@ class RecurrentPolicy(nn.Module):
         hidden_size: int = 10,
         bias: bool = True,
         init_range: float = 0.01,
-        memory_horizon: int | None = None,
+        forget_bias: float = 0.0,
+        input_bias: float = 0.0,
         seed: int = 0,
     ) -> None:
         if core not in ("lstm", "rnn", "none"):
             raise ValueError(f"core must be 'lstm', 'rnn' or 'none', got {core!r}")
         if observation_size < 1 or hidden_size < 1:
             raise ValueError(f"observation_size and hidden_size must be positive, got {observation_size}, {hidden_size}")
-        if memory_horizon is not None and (core != "lstm" or not bias or memory_horizon < 3):
-            raise ValueError(f"memory_horizon needs an LSTM with biases and at least 3 steps, got {memory_horizon}")
+        if (forget_bias or input_bias) and (core != "lstm" or not bias):
+            raise ValueError(f"forget_bias and input_bias need an LSTM with biases, got core {core!r}, bias {bias}")
         super().__init__()
         self.observation_size = observation_size
         self.hidden_size = hidden_size
         self.head = head
         self.core_type = cast(Core, core)
         self.bias = bias
-        self._config = PolicyConfig(core, hidden_size, bias, init_range, memory_horizon)
+        self._config = PolicyConfig(core, hidden_size, bias, init_range, forget_bias, input_bias)
         self.core: nn.LSTM | nn.RNN | nn.Linear
         if core == "lstm":
             self.core = nn.LSTM(observation_size, hidden_size, bias=bias)
@@ -84,9 +87,10 @@ class RecurrentPolicy(nn.Module):
         self.readout = nn.Linear(hidden_size, head.n_outputs, bias=bias)
         if isinstance(self.core, nn.LSTM | nn.RNN) and bias:
             # torch adds two bias vectors; the second is redundant, so it stays 0 and is not a free parameter
-            nn.init.zeros_(self.core.bias_hh_l0)
-            self.core.bias_hh_l0.requires_grad_(False)
-        self._initialise(init_range, memory_horizon, seed)
+            redundant = self.core.get_parameter("bias_hh_l0")
+            nn.init.zeros_(redundant)
+            redundant.requires_grad_(False)
+        self._initialise(init_range, forget_bias, input_bias, seed)
 
     @classmethod
     def for_spaces(
@@ -114,16 +118,15 @@ class RecurrentPolicy(nn.Module):
         head = head_for(action_space, deterministic=deterministic)
         return cls(observation_size(observation_space), head, seed=seed, **vars(config))
 
-    def _initialise(self, init_range: float, memory_horizon: int | None, seed: int) -> None:
+    def _initialise(self, init_range: float, forget_bias: float, input_bias: float, seed: int) -> None:
         generator = torch.Generator().manual_seed(seed)
         for parameter in self.free_parameters():
             nn.init.uniform_(parameter, -init_range, init_range, generator=generator)
-        if memory_horizon is not None:
-            n = self.hidden_size
-            horizon = torch.empty(n).uniform_(1.0, memory_horizon - 1.0, generator=generator)
-            with torch.no_grad():
-                self.core.bias_ih_l0[n : 2 * n] = horizon.log()
-                self.core.bias_ih_l0[:n] = -horizon.log()
+        if isinstance(self.core, nn.LSTM) and self.bias:
+            n, bias = self.hidden_size, self.core.get_parameter("bias_ih_l0")
+            with torch.no_grad():  # torch's order of gates: input, forget, cell, output
+                bias[:n] += input_bias
+                bias[n : 2 * n] += forget_bias
 
     def config(self) -> dict[str, Any]:
         """The settings that ``PolicyConfig`` takes to build a policy of this architecture."""
@@ -138,27 +141,29 @@ class RecurrentPolicy(nn.Module):
         """Numbers of recurrent state an episode carries: h and c for an LSTM, h for an Elman net, none without."""
         return {"lstm": 2, "rnn": 1, "none": 0}[self.core_type] * self.hidden_size
 
-    def forward(self, observations: Tensor, state: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """The head's parameters for whole episodes at once.
+    def remember(self, observations: Tensor, state: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """What the core makes of whole episodes at once.
 
         Args:
             observations: ``(T, B, O)``, one episode a column.
             state: ``(B, state_size)`` before the first step; zeros if None.
 
         Returns:
-            Outputs ``(T, B, n_outputs)`` and the state ``(B, state_size)`` after the last step.
+            Features ``(T, B, H)`` and the state ``(B, state_size)`` after the last step.
         """
         n = self.hidden_size
         if isinstance(self.core, nn.LSTM):
             before = None if state is None else (state[None, :, :n].contiguous(), state[None, :, n:].contiguous())
             features, (h, c) = self.core(observations, before)
-            after = torch.cat((h[0], c[0]), dim=-1)
-        elif isinstance(self.core, nn.RNN):
+            return features, torch.cat((h[0], c[0]), dim=-1)
+        if isinstance(self.core, nn.RNN):
             features, h = self.core(observations, None if state is None else state[None].contiguous())
-            after = h[0]
-        else:
-            features = torch.tanh(self.core(observations))
-            after = observations.new_zeros(observations.shape[1], 0)
+            return features, h[0]
+        return torch.tanh(self.core(observations)), observations.new_zeros(observations.shape[1], 0)
+
+    def forward(self, observations: Tensor, state: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """The head's parameters ``(T, B, n_outputs)`` for whole episodes, and the state; see ``remember``."""
+        features, after = self.remember(observations, state)
         return self.readout(features), after
 
     @torch.no_grad()

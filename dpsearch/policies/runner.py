@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +37,7 @@ class PolicyRunner:
         self._rng = np.random.default_rng(seed)
         self._state = torch.zeros(num_envs, policy.state_size)
 
-    def act(self, observations: ArrayLike) -> NDArray[np.generic]:
+    def act(self, observations: ArrayLike) -> NDArray[Any]:
         """One step in every environment.
 
         Args:

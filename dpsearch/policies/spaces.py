@@ -26,8 +26,8 @@ def observation_size(space: gym.Space[Any]) -> int:
     flat = spaces.flatten_space(space) if space.is_np_flattenable else None
     if not isinstance(flat, spaces.Box) or len(flat.shape) != 1 or flat.shape[0] == 0:
         raise UnsupportedSpaceError(
-            f"observation space {space} is not supported: Box, Discrete, MultiDiscrete, MultiBinary, "
-            "and Dict or Tuple of these are"
+            f"observation space {_one_line(space)} is not supported: Box, Discrete, MultiDiscrete, "
+            "MultiBinary, and Dict or Tuple of these are"
         )
     return flat.shape[0]
 
@@ -47,7 +47,8 @@ def head_for(space: gym.Space[Any], *, deterministic: bool = False) -> Head:
             size = int(np.prod(space.shape))
             return Deterministic(size) if deterministic else Gaussian(size)
     raise UnsupportedSpaceError(
-        f"action space {space} is not supported: Discrete, MultiDiscrete of one dimension, and real Box are"
+        f"action space {_one_line(space)} is not supported: Discrete, MultiDiscrete of one dimension, "
+        "and real Box are"
     )
 
 
@@ -96,3 +97,7 @@ def batch_one(space: gym.Space[Any], observation: Any) -> Any:
     """A batch that holds one observation, laid out as a vector environment's."""
     empty: Any = create_empty_array(space, 1)
     return concatenate(space, [observation], empty)
+
+
+def _one_line(space: gym.Space[Any]) -> str:
+    return " ".join(str(space).split())

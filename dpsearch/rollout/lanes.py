@@ -121,7 +121,7 @@ def play(  # type: ignore[no-untyped-def]
                         fresh[lane] = True
                         busy += 1
                         hidden[:, lane] = 0.0
-                        _load(weights, population, candidates[taken], lane)
+                        _load(weights, population, candidates[taken], lane)  # type: ignore[no-untyped-call]
             draw(key, episode, time, ENVIRONMENT, env_noise)
             for lane in range(LANES):
                 if fresh[lane]:

@@ -1,7 +1,7 @@
 """The vector engine: rollouts for any Gymnasium environment.
 
 As many episodes are begun as were asked for, and each is played to its end: to stop as soon as enough have
-ended would favour the short ones. A lane whose episode ends takes the next from the queue.
+ended would favour the short ones.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class VectorRollouts:
 
     An episode is a function of its key and number, with one exception: a vector environment that resets
     itself (one that came ready, or the environment's own vector class) is seeded once, at the beginning of
-    each call. There an episode depends on the whole call and on ``num_envs``.
+    each call. There an episode depends on the first one's number and on ``num_envs`` as well.
 
     Args:
         env: An id, a spec, or a factory; or a ready environment, which is played as it is, in one lane; or a
@@ -153,7 +153,10 @@ class VectorRollouts:
         seeds = episode_seeds(key, numbers)
         returns, lengths, terminated = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
         job = np.where(np.arange(width) < n, np.arange(width), _IDLE)  # the episode that each lane plays
-        queue = iter(range(width, n))
+        # A lane that is free takes the next episode. Where the environments choose the start states, every lane
+        # has a fixed share instead: then an episode does not depend on how long the others are.
+        shared = iter(range(width, n))
+        following = [shared if lanes.restarts else iter(range(i + width, n, width)) for i in range(width)]
         recorder = _Recorder()
 
         def begin(fresh: NDArray[np.bool_]) -> None:
@@ -182,12 +185,10 @@ class VectorRollouts:
                     f"the vector environment goes on after {self.max_steps} steps and cannot be cut off"
                 )
             for lane in np.flatnonzero(over | cut):
-                job[lane] = next(queue, _IDLE)
+                job[lane] = next(following[lane], _IDLE)
             fresh = (over | cut) & (job != _IDLE)
             lanes.restart(fresh, seeds[job])
-            begin(
-                fresh | (busy & ~step.played)
-            )  # after a row that was not a step, the episode begins only now
+            begin(fresh | (busy & ~step.played))  # where the row was no step, the episode begins only now
         return recorder.episodes(n, self.observation_size, lanes.action_size, lengths, terminated, returns)
 
 

@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from dpsearch.algos import RPG, RPGConfig
+from dpsearch.algos.baselines import Baseline, ConstantBaseline
 from dpsearch.envs.tmaze import TMaze
-from dpsearch.policies import PolicyConfig
+from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes
 
 HORIZON = 4  # steps of the small POMDP: all 2 * 4**4 histories can be listed
@@ -50,24 +51,45 @@ def histories() -> list[Episodes]:
     return list(found.values())
 
 
-def probabilities(rpg: RPG, episodes: list[Episodes]) -> torch.Tensor:
-    """p(H) of each history under the policy; the two road signs are equally likely."""
-    log_p = []
-    for e in episodes:
-        outputs, _ = rpg.policy(torch.from_numpy(e.observations).double())
-        log_p.append(rpg.policy.head.log_prob(outputs, torch.from_numpy(e.actions)).sum())
-    return torch.stack(log_p).exp() / 2
+def probabilities(policy: RecurrentPolicy, episodes: list[Episodes]) -> torch.Tensor:
+    """p(H) of each history under a float64 policy; the two road signs are equally likely."""
+    observations = np.zeros((HORIZON, len(episodes), 3))
+    actions = np.zeros((HORIZON, len(episodes), 1))
+    mask = np.zeros((HORIZON, len(episodes)))
+    for i, e in enumerate(episodes):
+        length = e.lengths[0]
+        observations[:length, i], actions[:length, i], mask[:length, i] = e.observations[:, 0], e.actions[:, 0], 1.0
+    outputs, _ = policy(torch.from_numpy(observations))
+    log_p = policy.head.log_prob(outputs, torch.from_numpy(actions)) * torch.from_numpy(mask)
+    return log_p.sum(0).exp() / 2
 
 
-def exact_expected_return(rpg: RPG, vector: np.ndarray, episodes: list[Episodes]) -> float:
-    rpg.policy.load_vector(vector)
+def exact_expected_return(policy: RecurrentPolicy, vector: np.ndarray, episodes: list[Episodes]) -> float:
+    policy.load_vector(vector)
     with torch.no_grad():
-        return float(probabilities(rpg, episodes) @ torch.tensor([e.returns[0] for e in episodes]))
+        return float(probabilities(policy, episodes) @ torch.tensor([e.returns[0] for e in episodes]))
+
+
+class Fixed(Baseline):
+    """b is a given number."""
+
+    def __init__(self, value: float) -> None:
+        self.value = torch.tensor(value)
+
+    def __call__(self, features, returns, mask):
+        return self.value, None
+
+    def state_dict(self):
+        return {}
+
+    def load_state_dict(self, state):
+        pass
 
 
 def gradient_of(rpg: RPG, episodes: Episodes, baseline: float = 0.0) -> np.ndarray:
+    rpg.baseline = Fixed(baseline)
     rpg.optimizer.zero_grad()
-    loss, _ = rpg.loss(episodes, episodes.returns_to_go(rpg.config.gamma) - baseline)
+    loss, _ = rpg.loss(episodes)
     loss.backward()
     return -np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
 
@@ -76,8 +98,7 @@ def gradient_of(rpg: RPG, episodes: Episodes, baseline: float = 0.0) -> np.ndarr
 def test_the_expected_gradient_is_that_of_the_exact_expected_return(baseline):
     rpg, episodes = small_rpg(), histories()
     start = rpg.policy.vector()
-    exact = small_rpg()
-    exact.policy.double()
+    exact = small_rpg().policy.double()
     chances = probabilities(exact, episodes).detach().numpy()
     assert chances.sum() == pytest.approx(1.0, abs=1e-6)
     expected = sum(p * gradient_of(rpg, e, baseline) for p, e in zip(chances, episodes, strict=True))
@@ -94,8 +115,7 @@ def test_the_expected_gradient_is_that_of_the_exact_expected_return(baseline):
 
 def test_sampled_gradients_average_to_the_exact_one():
     rpg, episodes = small_rpg(batch_size=500), histories()
-    exact = small_rpg()
-    exact.policy.double()
+    exact = small_rpg().policy.double()
     chances = probabilities(exact, episodes).detach().numpy()
     expected = sum(p * gradient_of(rpg, e) for p, e in zip(chances, episodes, strict=True))
     samples = np.array([gradient_of(rpg, rpg.play_batch(500)) for _ in range(100)])
@@ -123,11 +143,8 @@ def test_output_eligibilities_of_a_softmax_are_action_minus_probability():
 def test_output_eligibilities_of_a_gaussian_are_those_of_section_3_4_1(variance_scaled):
     rpg = RPG("Pendulum-v1", batch_size=2, variance_scaled=variance_scaled, policy=PolicyConfig(init_range=0.3))
     episodes = rpg.play_batch(2)
-    weights = np.random.default_rng(0).normal(size=episodes.rewards.shape).astype(np.float32)
-    rpg.optimizer.zero_grad()
-    loss, _ = rpg.loss(episodes, weights)
-    loss.backward()
-    automatic = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+    weights = episodes.returns_to_go(rpg.config.gamma)
+    automatic = gradient_of(rpg, episodes)
     outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
     action, mean = torch.from_numpy(episodes.actions[..., 0]), outputs[..., 0].detach()
     sigma = torch.sigmoid(outputs[..., 1]).detach()
@@ -136,7 +153,7 @@ def test_output_eligibilities_of_a_gaussian_are_those_of_section_3_4_1(variance_
     eligibilities = torch.stack([of_mean, of_sigma * sigma * (1 - sigma)], -1)  # the sigmoid's own slope
     scale = sigma**2 if variance_scaled else torch.ones_like(sigma)
     rpg.optimizer.zero_grad()
-    outputs.backward(-eligibilities * (torch.from_numpy(weights) * scale)[..., None] / 2)
+    outputs.backward(eligibilities * (torch.from_numpy(weights) * scale)[..., None] / 2)
     by_hand = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
     np.testing.assert_allclose(automatic, by_hand, rtol=2e-3, atol=1e-5)
 
@@ -148,13 +165,38 @@ def test_the_gradient_is_normalised_to_the_length_asked_for():
     assert np.linalg.norm(rpg.policy.vector() - before) == pytest.approx(0.3, rel=1e-4)
 
 
-def test_the_baseline_is_the_mean_return_of_the_last_episodes_before_the_batch():
-    rpg = small_rpg(batch_size=8, baseline_episodes=12)
-    assert rpg.update()["baseline"] == 0.0
-    first = rpg.rollouts.collect(small_rpg().policy, 8, key=rpg.training_key)
-    assert rpg.update()["baseline"] == pytest.approx(first.returns.mean(), rel=1e-6)
-    rpg.update()
-    assert len(rpg.baseline_returns) == 12
+def test_the_constant_baseline_is_the_mean_return_of_the_last_episodes_before_the_batch():
+    baseline = ConstantBaseline(window=3)
+    returns = torch.tensor([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 3.0, 0.0]])
+    mask = torch.tensor([[True, True, True, True], [True, False, True, False]])
+    assert baseline(torch.empty(0), returns, mask)[0] == 0.0
+    expected = (2.0 + 3.0 + 3.0 + 4.0) / 4  # the first of the four episodes has left the window
+    assert baseline(torch.empty(0), returns, mask)[0] == pytest.approx(expected)
+    copy = ConstantBaseline(window=3)
+    copy.load_state_dict(baseline.state_dict())
+    assert copy(torch.empty(0), returns, mask)[0] == baseline(torch.empty(0), returns, mask)[0]
+
+
+def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return():
+    rpg = small_rpg(baseline="shared", baseline_weight=1.0)
+    episodes = rpg.play_batch(300)
+    returns, mask = torch.from_numpy(episodes.returns_to_go(1.0)), torch.from_numpy(episodes.mask)
+    optimizer = torch.optim.Adam(rpg.parameters, lr=0.02)
+    for _ in range(300):
+        optimizer.zero_grad()
+        features, _ = rpg.policy.remember(torch.from_numpy(episodes.observations))
+        expected, error = rpg.baseline(features, returns, mask)
+        error.backward()
+        optimizer.step()
+    assert not expected.requires_grad
+    assert ((returns - expected)[mask]).var() < 0.95 * returns[mask].var()
+
+
+def test_batches_shrink_and_grow_to_a_number_of_steps():
+    rpg = small_rpg(batch_size=2, batch_steps=100)
+    sizes = []
+    rpg.learn(total_updates=30, callback=lambda algorithm, _: sizes.append(algorithm.batch_size))
+    assert all(100 / HORIZON * 0.8 <= size <= 100 for size in sizes)
 
 
 @pytest.mark.parametrize("optimizer", ["SGD", "Adam", "RMSprop"])

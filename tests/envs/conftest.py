@@ -2,20 +2,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dpsearch.envs.tabular import TabularPOMDP
 
 
 @pytest.fixture(scope="session")
 def noisy_pomdp() -> TabularPOMDP:
-    """Six states, three actions, four symbols: transitions, rewards and both kinds of observation are random."""
+    """Six states, three actions, four symbols; all that can be random is."""
     random = np.random.default_rng(7)
     actions, states, symbols = 3, 6, 4
 
-    def distributions(*shape: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-        weights = random.dirichlet(np.ones(shape[-1]), shape[:-1]) * (random.random(shape) < 0.7)
+    def distributions(*shape: int) -> NDArray[np.float64]:
+        weights: NDArray[np.float64] = random.dirichlet(np.ones(shape[-1]), shape[:-1]) * (
+            random.random(shape) < 0.7
+        )
         weights[..., 0] += 0.05
-        return weights / weights.sum(axis=-1, keepdims=True)
+        weights /= weights.sum(axis=-1, keepdims=True)
+        return weights
 
     start = distributions(states)
     start[5] = 0

@@ -44,7 +44,7 @@ def _drift_step(floats, ints, noise, action, state, reward, terminated):  # type
 
 
 def drift_task(max_episode_steps: int) -> Task:
-    """A point that drifts: two continuous actions, two numbers of state, of which one is seen, six draws a step."""
+    """A drifting point: two continuous actions, two numbers of state, one of them seen, six draws a step."""
     return Task(
         kernel=EnvKernel(
             *(_drift_reset, _drift_observe, _drift_step),
@@ -73,7 +73,9 @@ def random_actions(task: Task, steps: int, n: int) -> NDArray[Any]:
     random = np.random.default_rng(0)
     if isinstance(task.action_space, spaces.Discrete):
         return random.integers(task.action_space.n, size=(steps, n))
-    return random.normal(size=(steps, n, *task.action_space.shape)).astype(np.float32)  # also beyond the bounds
+    return random.normal(size=(steps, n, *task.action_space.shape)).astype(
+        np.float32
+    )  # also beyond the bounds
 
 
 def same(ours: Any, theirs: Any) -> bool:
@@ -96,7 +98,7 @@ def test_a_vector_equals_scalar_environments_bit_for_bit(
         ends += [ours_now[2].sum(), ours_now[3].sum()]
     assert ends.min() > 0  # both kinds of end were seen
     assert same(ours.reset(), theirs.reset())
-    seeds = list(range(100, 100 + n))
+    seeds: list[int | None] = list(range(100, 100 + n))
     assert same(ours.reset(seed=seeds), theirs.reset(seed=seeds))
 
 
@@ -107,7 +109,11 @@ def test_a_scalar_environment_equals_its_kernel_bit_for_bit(make_task: TaskMaker
     key, steps = np.uint64(stream_key(seed)), np.zeros(LANES, np.int64)
     noise = np.empty((noise_rows(kernel.draws), LANES))
     state, action = np.zeros((kernel.state_size, LANES)), np.zeros((kernel.action_size, LANES))
-    seen, reward, over = np.empty((kernel.observation_size, LANES)), np.empty(LANES), np.empty(LANES, np.bool_)
+    seen, reward, over = (
+        np.empty((kernel.observation_size, LANES)),
+        np.empty(LANES),
+        np.empty(LANES, np.bool_),
+    )
     lane = 5
     for episode in range(4):
         episodes = np.full(LANES, episode, np.uint64)

@@ -219,7 +219,8 @@ def changed(name: str, index: tuple[int, ...], value: float) -> dict[str, Any]:
         (changed("transitions", (0, 1, 1), 0.0), "no next state is given for state 1, action 0"),
         (changed("transitions", (0, 0, 1), np.nan), "next state 1 of state 0, action 0 has probability nan"),
         (changed("transitions", (0, 0, 1), -0.1), "probability -0.1, which is not above 0"),
-        (changed("observations", (0, 0, 1), 0.5), r"symbol of observation row \d: .* sum to 1.5, not 1"),
+        (changed("observations", (0, 0, 1), 0.5), "observation of state 0, action 0: .* sum to 1.5, not 1"),
+        ({"first_observation": [0.5, 0.4, 0]}, "observation of state 0 at the start: .* sum to 0.9, not 1"),
         (changed("rewards", (0, 0, 0), np.inf), "rewards must be finite"),
         (changed("start", (0,), 0.5), "start state of the model: the probabilities sum to 1.25, not 1"),
         ({"features": np.full((3, 2), np.nan)}, "features must be finite"),
@@ -235,7 +236,9 @@ def changed(name: str, index: tuple[int, ...], value: float) -> dict[str, Any]:
         ({"action_names": ("one",)}, "action_names must have 2 names or none, got 1"),
     ],
 )
-def test_a_model_that_makes_no_sense_is_refused_with_the_reason(changes: dict[str, Any], message: str) -> None:
+def test_a_model_that_makes_no_sense_is_refused_with_the_reason(
+    changes: dict[str, Any], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         small(**changes)
 

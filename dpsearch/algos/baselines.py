@@ -1,0 +1,99 @@
+"""Baselines: what a return is compared with before it reinforces the actions that led to it (section 3.3.2).
+
+Any b that does not depend on the action taken leaves the expected gradient as it is; a good one makes it less noisy.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+
+class Baseline(ABC):
+    """Says what return to expect, from what the policy remembers."""
+
+    @abstractmethod
+    def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
+        """The baseline for a batch, and then learn from the batch.
+
+        Args:
+            features: ``(T, N, H)``, the policy's memory at each step.
+            returns: ``(T, N)``, R_t; zero on padding.
+            mask: ``(T, N)``, False on padding.
+
+        Returns:
+            b, without gradient, that broadcasts to ``(T, N)``; and a loss to add to the policy's, summed over steps,
+            or None.
+        """
+
+    def parameters(self) -> list[nn.Parameter]:
+        """What the optimiser adjusts along with the policy."""
+        return []
+
+    @abstractmethod
+    def state_dict(self) -> dict[str, Any]:
+        """All that the rest of a run depends on."""
+
+    @abstractmethod
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on where ``state_dict`` was taken."""
+
+
+class ConstantBaseline(Baseline):
+    """b is the mean of all R_t of the last episodes; of those before this batch, so that it cannot bias the gradient.
+
+    Args:
+        window: Episodes to average over; 0 for b = 0.
+    """
+
+    def __init__(self, window: int) -> None:
+        self._episodes: deque[tuple[float, int]] = deque(maxlen=window)  # sum of R_t, steps
+
+    def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
+        steps = sum(length for _, length in self._episodes)
+        mean = sum(total for total, _ in self._episodes) / steps if steps else 0.0
+        self._episodes.extend(zip(returns.sum(0, dtype=torch.float64).tolist(), mask.sum(0).tolist(), strict=True))
+        return torch.tensor(mean, dtype=torch.float32), None
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"episodes": [list(episode) for episode in self._episodes]}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._episodes.clear()
+        self._episodes.extend((total, steps) for total, steps in state["episodes"])
+
+
+class SharedBaseline(Baseline):
+    """b(h_t) is a linear read-out of the policy's own memory, regressed on the returns received.
+
+    Its error flows back into the memory, which so learns to hold whatever returns depend on. While a policy still
+    guesses, that teaches it what to remember far faster than the policy gradient alone.
+
+    Args:
+        features: Size H of the policy's memory.
+        weight: Weight of the squared error in the loss.
+    """
+
+    def __init__(self, features: int, weight: float) -> None:
+        self._readout = nn.Linear(features, 1)
+        self._weight = weight
+        nn.init.zeros_(self._readout.weight)
+        nn.init.zeros_(self._readout.bias)
+
+    def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
+        expected = self._readout(features).squeeze(-1)  # (T, N)
+        error = ((returns - expected) * mask).square().sum()
+        return expected.detach(), self._weight * error
+
+    def parameters(self) -> list[nn.Parameter]:
+        return list(self._readout.parameters())
+
+    def state_dict(self) -> dict[str, Any]:
+        return self._readout.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._readout.load_state_dict(state)

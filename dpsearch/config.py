@@ -1,0 +1,194 @@
+"""The configuration's schema: dataclasses say which keys there are and of what type, YAML files give the values.
+
+An option of a config group is named after its schema: ``configs/env/tmaze.yaml`` is checked against ``ENVS["tmaze"]``.
+Ranges are checked where the values are used, or in ``__post_init__`` here; either way before anything is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from dpsearch.algos import ALGORITHMS
+from dpsearch.policies import PolicyConfig
+from dpsearch.runs import EnvRecipe, RunError
+
+
+@dataclass
+class EnvConfig:
+    """An environment. Keys that a subclass adds are arguments of the environment, unless it says otherwise.
+
+    Attributes:
+        id: Gymnasium's id; what precedes a colon is a module to import first.
+        gamma: The task's own discount factor, which algorithms take unless told otherwise.
+        max_episode_steps: Step limit of an episode; null leaves it to the environment.
+        reward_threshold: Mean return that counts as solved; null for the registered one.
+    """
+
+    id: str = MISSING
+    gamma: float = MISSING
+    max_episode_steps: int | None = None
+    reward_threshold: float | None = None
+
+    def recipe(self) -> EnvRecipe:
+        """How to make the environment."""
+        own = {f.name for f in fields(self)} - {"id", "gamma", "reward_threshold"}
+        kwargs = {name: getattr(self, name) for name in sorted(own)}
+        return EnvRecipe(self.id, kwargs, reward_threshold=self.reward_threshold)
+
+
+@dataclass
+class TMazeConfig(EnvConfig):
+    """The T-maze; see ``dpsearch.envs.TMaze``."""
+
+    corridor_length: int = MISSING
+    encoding: str = MISSING
+
+
+@dataclass
+class GymConfig(EnvConfig):
+    """Any Gymnasium environment.
+
+    Attributes:
+        kwargs: Arguments of the environment.
+        observe_only: The components of the observation that the policy sees; null for all.
+    """
+
+    kwargs: dict[str, Any] = field(default_factory=dict)
+    observe_only: list[int] | None = None
+
+    def recipe(self) -> EnvRecipe:
+        """How to make the environment."""
+        return EnvRecipe(
+            self.id, self.kwargs, self.observe_only, self.max_episode_steps, self.reward_threshold
+        )
+
+
+@dataclass
+class RolloutConfig:
+    """How episodes are played.
+
+    Attributes:
+        threads: Threads of the lane engine; results do not depend on it.
+        num_envs: Environments that the vector engine plays side by side; null for its default.
+    """
+
+    threads: int = 1
+    num_envs: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the key if a value is out of range."""
+        for name in ("threads", "num_envs"):
+            number = getattr(self, name)
+            if number is not None and number < 1:
+                raise ValueError(f"{name} must be at least 1, got {number}")
+
+
+@dataclass
+class TrainConfig:
+    """All of a run.
+
+    Attributes:
+        algo: The algorithm's own config.
+        env: The environment.
+        policy: The policy's architecture.
+        rollout: How episodes are played.
+        seed: Of everything random, in [0, 2**64).
+        run_dir: Where the run is kept; null for ``runs/<algorithm>/<environment>/<time>_seed<seed>``.
+        resume: Directory of a run to go on with.
+        until_solved: Stop once 100 evaluation episodes reach the environment's reward threshold, if it has one.
+        total_steps: Environment steps after which to stop.
+        total_episodes: Episodes after which to stop.
+        total_updates: Updates after which to stop.
+        evaluation_episodes: Episodes that say in the end what the policy achieves.
+        checkpoint_seconds: Time from one checkpoint to the next; results do not depend on it.
+        progress: Whether to show progress.
+    """
+
+    algo: Any = MISSING
+    env: EnvConfig = MISSING
+    policy: PolicyConfig = field(default_factory=PolicyConfig)
+    rollout: RolloutConfig = field(default_factory=RolloutConfig)
+    seed: int = 0
+    run_dir: str | None = None
+    resume: str | None = None
+    until_solved: bool = True
+    total_steps: int | None = None
+    total_episodes: int | None = None
+    total_updates: int | None = None
+    evaluation_episodes: int = 100
+    checkpoint_seconds: float = 30.0
+    progress: bool = True
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the key if a value is out of range."""
+        accepted = {
+            "seed": (0 <= self.seed < 2**64, "in [0, 2**64)"),
+            "evaluation_episodes": (self.evaluation_episodes >= 2, "at least 2"),
+            "checkpoint_seconds": (self.checkpoint_seconds > 0.0, "positive"),
+        }
+        for name in ("total_steps", "total_episodes", "total_updates"):
+            accepted[name] = (getattr(self, name) is None or getattr(self, name) >= 1, "at least 1, or null")
+        for name, (fits, what) in accepted.items():
+            if not fits:
+                raise ValueError(f"{name} must be {what}, got {getattr(self, name)}")
+
+
+ENVS: dict[str, type[EnvConfig]] = {"gym": GymConfig, "tmaze": TMazeConfig}
+ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
+
+RESUMABLE = frozenset(
+    {
+        "resume",
+        "until_solved",
+        "total_steps",
+        "total_episodes",
+        "total_updates",
+        "rollout.threads",
+        "checkpoint_seconds",
+        "progress",
+    }
+)
+"""The keys that may be given when a run is resumed: none of them changes what an update does."""
+
+
+def register() -> None:
+    """Tell Hydra about the schemas."""
+    store = ConfigStore.instance()
+    store.store(name="train_schema", node=TrainConfig)
+    for group, schemas in (("algo", ALGOS), ("env", ENVS)):
+        for name, schema in schemas.items():
+            store.store(group=group, name=f"{name}_schema", node=schema)
+
+
+def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
+    """A configuration as objects.
+
+    Args:
+        config: The composed configuration, or a saved one.
+        choices: The option chosen of each group.
+
+    Raises:
+        RunError: If a value is out of range, or an option has no schema.
+        OmegaConfBaseException: If a value is missing or of the wrong type.
+    """
+    chosen = {}
+    for group, schemas in (("algo", ALGOS), ("env", ENVS)):
+        if choices[group] not in schemas:
+            raise RunError(f"{group}={choices[group]} has no schema: there is one for {', '.join(schemas)}")
+        chosen[group] = schemas[choices[group]]
+    typed = OmegaConf.merge(OmegaConf.structured(TrainConfig), chosen, config)
+    for section in ("algo", "env", "policy", "rollout", None):  # one by one, to name the one that is wrong
+        try:
+            settings = OmegaConf.to_object(typed if section is None else typed[section])
+        except OmegaConfBaseException:
+            raise
+        except ValueError as error:
+            raise RunError(str(error) if section is None else f"{section}.{error}") from error
+    assert isinstance(settings, TrainConfig)
+    return settings

@@ -1,0 +1,9 @@
+"""A run on disk: its directory, checkpoints and exact resume, metrics, TensorBoard, progress and summary."""
+
+from dpsearch.runs.directory import RunDirectory
+from dpsearch.runs.environment import EnvRecipe
+from dpsearch.runs.errors import RunError
+from dpsearch.runs.policy_file import load_policy, save_policy
+from dpsearch.runs.run import Run
+
+__all__ = ["EnvRecipe", "Run", "RunDirectory", "RunError", "load_policy", "save_policy"]

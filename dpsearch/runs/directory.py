@@ -1,0 +1,110 @@
+"""A run's directory: what lies where, and how a run is begun and found again."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from dpsearch.runs.errors import RunError
+
+
+@dataclass(frozen=True)
+class RunDirectory:
+    """One run's directory.
+
+    Attributes:
+        path: Where it is.
+    """
+
+    path: Path
+
+    @property
+    def checkpoint(self) -> Path:
+        """Everything that the rest of the run depends on."""
+        return self.path / "checkpoint.pt"
+
+    @property
+    def policy(self) -> Path:
+        """The policy, to act with."""
+        return self.path / "policy.pt"
+
+    @property
+    def metrics(self) -> Path:
+        """One line of JSON an update."""
+        return self.path / "metrics.jsonl"
+
+    @property
+    def summary(self) -> Path:
+        """What came out, once the run is finished."""
+        return self.path / "summary.json"
+
+    @property
+    def config(self) -> Path:
+        """The run's configuration. There is a run here from the moment this file is."""
+        return self.path / ".hydra" / "config.yaml"
+
+    @classmethod
+    def free(cls, path: Path) -> RunDirectory:
+        """The first of ``path``, ``path_2``, ``path_3``, ... that does not exist."""
+        names = (path.with_name(f"{path.name}_{k}") for k in count(2))
+        while path.exists():
+            path = next(names)
+        return cls(path)
+
+    def begin(self, config: DictConfig, hydra: DictConfig) -> None:
+        """Make the directory, and note there what is to be run, as Hydra does.
+
+        Args:
+            config: The configuration.
+            hydra: Hydra's own.
+
+        Raises:
+            RunError: If it holds a run already, or cannot be written.
+        """
+        if self.config.exists() or self.checkpoint.exists():
+            raise RunError(f"{self.path} already holds a run: give resume={self.path}, or another run_dir")
+        try:
+            self.config.parent.mkdir(parents=True, exist_ok=True)
+            overrides = OmegaConf.create(list(hydra.overrides.task))
+            for name, content in (("hydra", OmegaConf.create({"hydra": hydra})), ("overrides", overrides)):
+                _write(self.config.with_name(f"{name}.yaml"), OmegaConf.to_yaml(content))
+            self.rewrite_config(config)
+        except OSError as error:
+            raise RunError(f"cannot write the run directory {self.path}: {error.strerror}") from error
+
+    def read_config(self) -> tuple[DictConfig, dict[str, str]]:
+        """The configuration of the run, and the option chosen of each config group.
+
+        Raises:
+            RunError: If there is no run here, or its files cannot be read.
+        """
+        if not self.config.is_file():
+            raise RunError(f"there is no run in {self.path}: {self.config.relative_to(self.path)} is missing")
+        try:
+            config = OmegaConf.load(self.config)
+            hydra = OmegaConf.load(self.config.with_name("hydra.yaml"))
+            assert isinstance(config, DictConfig)
+            return config, dict(hydra.hydra.runtime.choices)
+        except Exception as error:  # YAML has errors of many kinds
+            raise RunError(f"cannot read {self.config.parent}: {type(error).__name__}") from error
+
+    def rewrite_config(self, config: DictConfig) -> None:
+        """Note the configuration anew: a run that is resumed may get other limits."""
+        _write(self.config, OmegaConf.to_yaml(config, resolve=True))
+
+    def write_summary(self, summary: dict[str, Any]) -> None:
+        """Note what came out."""
+        _write(self.summary, json.dumps(summary, indent=2) + "\n")
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_text(text)
+    os.replace(beside, path)

@@ -1,0 +1,79 @@
+"""How far a run is: a bar on a terminal, else a line now and then."""
+
+from __future__ import annotations
+
+import sys
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from dpsearch.algos import Algorithm
+from dpsearch.runs.limits import Limits
+
+LINE_SECONDS = 10.0  # between two lines, where there is no terminal
+
+
+class Progress:
+    """Shows steps, steps per second, return and time left on stderr.
+
+    Args:
+        algorithm: Whose progress.
+        limits: When it will be over at the latest.
+        show: False shows nothing.
+    """
+
+    def __init__(self, algorithm: Algorithm[Any], limits: Limits, *, show: bool = True) -> None:
+        self._algorithm = algorithm
+        self._limits = limits
+        self._lines = show and not sys.stderr.isatty()
+        self._start = perf_counter()
+        self._start_steps, self._start_fraction = algorithm.env_steps, limits.fraction(algorithm)
+        self._next_line = self._start + LINE_SECONDS
+        tqdm.monitor_interval = 0  # no thread
+        self._bar = tqdm(
+            initial=algorithm.env_steps,
+            total=limits.total_steps,
+            unit=" steps",
+            unit_scale=True,
+            dynamic_ncols=True,
+            disable=not show or self._lines,
+        )
+
+    def update(self, now: float) -> None:
+        """Show how things are.
+
+        Args:
+            now: What ``perf_counter`` says.
+        """
+        if not self._bar.disable:
+            steps, fraction = self._algorithm.env_steps, self._limits.fraction(self._algorithm)
+            self._bar.total = round(steps / fraction) if fraction else None
+            self._bar.set_postfix_str(self._mean_return(), refresh=False)
+            self._bar.update(steps - self._bar.n)
+        elif self._lines and now >= self._next_line:
+            self._next_line = now + LINE_SECONDS
+            print(self._line(now - self._start), file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Leave the bar as it is."""
+        self._bar.close()
+
+    def _mean_return(self) -> str:
+        return f"return {np.mean(self._algorithm.recent_returns):.4g}"
+
+    def _line(self, elapsed: float) -> str:
+        algorithm = self._algorithm
+        rate = (algorithm.env_steps - self._start_steps) / elapsed
+        parts = [
+            f"update {algorithm.updates:,}",
+            f"{algorithm.env_steps:,} steps",
+            f"{tqdm.format_sizeof(rate)} steps/s",
+            self._mean_return(),
+        ]
+        fraction = self._limits.fraction(algorithm)
+        if fraction > self._start_fraction:
+            left = elapsed * (1.0 - fraction) / (fraction - self._start_fraction)
+            parts.append(f"at most {tqdm.format_interval(left)} left")
+        return ", ".join(parts)

@@ -1,0 +1,166 @@
+"""A run under way: an algorithm learns, and all it does is kept in the run's directory.
+
+The checkpoint holds everything that the rest of the run depends on, and ``metrics.jsonl`` has one line for each of its
+updates. So a run goes on, after whatever ended it, by loading the checkpoint and cutting the metrics back to it.
+"""
+
+from __future__ import annotations
+
+import signal
+from contextlib import suppress
+from time import perf_counter
+from types import TracebackType
+from typing import Any
+
+from dpsearch.algos import Algorithm
+from dpsearch.algos.checkpoint import versions
+from dpsearch.runs.directory import RunDirectory
+from dpsearch.runs.environment import EnvRecipe
+from dpsearch.runs.interruption import Interruption
+from dpsearch.runs.limits import Limits
+from dpsearch.runs.metrics import MetricsFile
+from dpsearch.runs.policy_file import save_policy
+from dpsearch.runs.progress import Progress
+from dpsearch.runs.tensorboard import TensorBoardLog
+
+LOOK_SECONDS = 0.25  # between two looks at what else is to be done than learning
+POINT_SECONDS = 1.0  # between two points of the TensorBoard curves
+
+
+class Run:
+    """An algorithm at work in a run's directory; a context manager that closes what it opened.
+
+    Args:
+        directory: Where it is kept.
+        algorithm: What learns, as it is now: new, or loaded from the checkpoint.
+        recipe: Its environment.
+        limits: When it is over.
+        hyperparameters: For TensorBoard's table.
+        checkpoint_seconds: Time from one checkpoint to the next.
+        progress: Whether to show progress.
+
+    Raises:
+        RunError: If another process is at work on this run, or the metrics do not go as far as the checkpoint.
+    """
+
+    def __init__(
+        self,
+        directory: RunDirectory,
+        algorithm: Algorithm[Any],
+        recipe: EnvRecipe,
+        limits: Limits,
+        *,
+        hyperparameters: dict[str, Any] | None = None,
+        checkpoint_seconds: float = 30.0,
+        progress: bool = True,
+    ) -> None:
+        self.directory = directory
+        self.algorithm = algorithm
+        self.recipe = recipe
+        self.limits = limits
+        self._metrics = MetricsFile(directory.metrics, algorithm.updates)
+        self._tensorboard = TensorBoardLog(directory.path, hyperparameters or {}, algorithm.env_steps)
+        self._interruption = Interruption()
+        self._progress = Progress(algorithm, limits, show=progress)
+        self._look, self._point = _Every(LOOK_SECONDS), _Every(POINT_SECONDS)
+        self._save = _Every(checkpoint_seconds)
+        self._wall = self._metrics.last.get("time/wall", 0.0)
+        self._start = perf_counter() - self._wall  # as if it had never been interrupted
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.close()
+        self._metrics.close()
+        self._tensorboard.close()
+        self.algorithm.rollouts.close()
+
+    def learn(self) -> signal.Signals | None:
+        """Learn until a limit is reached or a signal comes, which it returns.
+
+        Raises:
+            FloatingPointError: If something became NaN or infinite.
+            ValueError: If nothing would ever stop it.
+        """
+        with suppress(FileNotFoundError):
+            self.directory.summary.unlink()  # a shorter run's
+        if not self.directory.checkpoint.exists():
+            self.checkpoint()
+        before = self.algorithm.updates
+        with self._interruption:
+            self.algorithm.learn(**vars(self.limits), callback=self._after_update)
+            if self.algorithm.updates > before:
+                self._tensorboard.write(self.algorithm.env_steps, perf_counter())
+                self.checkpoint()
+        self._progress.close()
+        return self._interruption.signal
+
+    def checkpoint(self) -> None:
+        """Write all that is needed to go on from here, and the policy."""
+        self._metrics.sync()  # first, so that no checkpoint is ahead of its metrics
+        self.algorithm.save(self.directory.checkpoint)
+        save_policy(self.directory.policy, self.algorithm, self.recipe)
+
+    def finish(self, evaluation_episodes: int) -> dict[str, Any]:
+        """Find out what the policy achieves, and write the summary, which it returns."""
+        algorithm = self.algorithm
+        stochastic = algorithm.evaluate(evaluation_episodes)
+        greedy = algorithm.evaluate(evaluation_episodes, deterministic=True)
+        threshold = algorithm.rollouts.reward_threshold
+        summary = {
+            "algo": algorithm.name,
+            "env": self.recipe.id,
+            "env_kwargs": self.recipe.kwargs,
+            "seed": algorithm.seed,
+            "solved": None if threshold is None else algorithm.solved or stochastic.mean_return >= threshold,
+            "reward_threshold": threshold,
+            "updates": algorithm.updates,
+            "episodes": algorithm.episodes,
+            "evaluations": algorithm.episodes,  # an algorithm that learns from episodes judges the policy by each
+            "env_steps": algorithm.env_steps,
+            "wall_time_s": self._wall,
+            "evaluation_episodes": evaluation_episodes,
+            "return_stochastic": stochastic.mean_return,
+            "return_stochastic_se": stochastic.standard_error,
+            "return_greedy": greedy.mean_return,
+            "return_greedy_se": greedy.standard_error,
+            "versions": versions(),
+        }
+        self._tensorboard.write_evaluation(algorithm.env_steps, stochastic.mean_return, greedy.mean_return)
+        self.directory.write_summary(summary)
+        return summary
+
+    def _after_update(self, algorithm: Algorithm[Any], metrics: dict[str, float]) -> bool:
+        """Keep an update's metrics; now and then do what takes time. False ends the learning."""
+        now = perf_counter()
+        self._wall = now - self._start
+        recent = algorithm.recent_returns
+        metrics = {**metrics, "recent_return": sum(recent) / len(recent)}
+        counts = {"update": algorithm.updates, "episodes": algorithm.episodes, "env_steps": algorithm.env_steps}
+        self._metrics.add({**counts, **metrics, "time/wall": self._wall})
+        self._tensorboard.add(metrics)
+        if self._look.due(now):
+            self._metrics.flush()
+            self._progress.update(now)
+            if self._point.due(now):
+                self._tensorboard.write(algorithm.env_steps, now)
+            if self._save.due(now):
+                self.checkpoint()
+        return self._interruption.signal is None
+
+
+class _Every:
+    """Says every so many seconds that it is time again."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._next = perf_counter() + seconds
+
+    def due(self, now: float) -> bool:
+        if now < self._next:
+            return False
+        self._next = now + self._seconds
+        return True

@@ -1,0 +1,147 @@
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from dpsearch.kernels.lanes import LANES, noise_rows
+from dpsearch.policies import Categorical, Deterministic, Gaussian, Head, RecurrentPolicy
+from dpsearch.policies.compiled import compiled_policy
+from dpsearch.policies.recurrent import Core
+
+STEPS = 60
+HEADS = [Categorical([4]), Categorical([2, 3, 5]), Gaussian(1), Gaussian(3), Deterministic(2)]
+CORES: list[Core] = ["lstm", "rnn", "none"]
+
+
+def random_weights(policy: RecurrentPolicy, seed: int, n: int = LANES) -> NDArray[np.float64]:
+    return np.random.default_rng(seed).uniform(-0.7, 0.7, (n, len(policy.vector())))
+
+
+def run_compiled(
+    policy: RecurrentPolicy, weights: NDArray[np.float64], observations: NDArray[np.float64]
+) -> Iterator[NDArray[np.float64]]:
+    """The outputs (LANES, n_outputs) at each step, for observations (T, LANES, O)."""
+    compiled = policy.compiled()
+    hidden = np.zeros((compiled.hidden_rows, LANES))
+    scratch = np.full((compiled.scratch_rows, LANES), np.nan)  # what it holds must not matter
+    output = np.full((compiled.n_outputs, LANES), np.nan)
+    for observation in observations:
+        rows = np.ascontiguousarray(observation.T)
+        compiled.forward(compiled.sizes, weights, rows, hidden, scratch, output)
+        yield output.T.copy()
+
+
+def run_torch(
+    policy: RecurrentPolicy, weights: NDArray[np.float64], observations: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    policy.load_vector(weights)
+    with torch.no_grad():
+        outputs, _ = policy(torch.from_numpy(observations).to(policy.readout.weight.dtype))
+    result: NDArray[np.float64] = outputs.numpy().astype(np.float64)
+    return result
+
+
+@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("bias", [True, False])
+@pytest.mark.parametrize("hidden_size", [1, 2, 10, 17])
+def test_the_forward_pass_is_that_of_the_module(core: Core, bias: bool, hidden_size: int) -> None:
+    for head in HEADS:
+        policy = RecurrentPolicy(3, head, core=core, hidden_size=hidden_size, bias=bias).double()
+        observations = np.random.default_rng(1).normal(size=(STEPS, LANES, 3))
+        (weights,) = random_weights(policy, seed=2, n=1)
+        outputs = np.stack(list(run_compiled(policy, weights, observations)))
+        np.testing.assert_allclose(outputs, run_torch(policy, weights, observations), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("bias", [True, False])
+@pytest.mark.parametrize("hidden_size", [1, 2, 10, 17])
+def test_every_lane_can_have_weights_of_its_own(core: Core, bias: bool, hidden_size: int) -> None:
+    policy = RecurrentPolicy(3, Gaussian(2), core=core, hidden_size=hidden_size, bias=bias).double()
+    observations = np.random.default_rng(3).normal(size=(STEPS, LANES, 3))
+    population = random_weights(policy, seed=4)
+    outputs = np.stack(list(run_compiled(policy, np.ascontiguousarray(population.T), observations)))
+    for lane, weights in enumerate(population):
+        expected = run_torch(policy, weights, observations[:, lane : lane + 1])[:, 0]
+        np.testing.assert_allclose(outputs[:, lane], expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("core", CORES)
+def test_in_single_precision_the_module_agrees_to_its_rounding(core: Core) -> None:
+    policy = RecurrentPolicy(3, Categorical([4]), core=core)
+    observations = np.random.default_rng(5).normal(size=(STEPS, LANES, 3))
+    weights = random_weights(policy, seed=6, n=1)[0].astype(np.float32).astype(np.float64)
+    outputs = np.stack(list(run_compiled(policy, weights, observations)))
+    np.testing.assert_allclose(outputs, run_torch(policy, weights, observations), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("core", CORES)
+def test_shared_weights_and_lanes_with_equal_weights_agree_bit_for_bit(core: Core) -> None:
+    policy = RecurrentPolicy(3, Categorical([4]), core=core)
+    observations = np.random.default_rng(7).normal(size=(STEPS, LANES, 3))
+    (weights,) = random_weights(policy, seed=8, n=1)
+    shared = run_compiled(policy, weights, observations)
+    lanes = run_compiled(policy, np.repeat(weights[:, None], LANES, axis=1), observations)
+    np.testing.assert_array_equal(list(shared), list(lanes))
+
+
+def choose(
+    head: Head, outputs: NDArray[np.float64], uniforms: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Compiled actions (LANES, A); greedy if there are no uniform numbers."""
+    compiled = compiled_policy("none", 1, 1, head, True)
+    noise = np.full((noise_rows(compiled.draws), LANES), 0.5)
+    if uniforms is not None:
+        noise[: compiled.draws] = uniforms.T
+    action = np.full((compiled.action_size, LANES), np.nan)
+    function = compiled.mode if uniforms is None else compiled.sample
+    function(compiled.head_sizes, noise, np.ascontiguousarray(outputs.T), action)
+    return action.T
+
+
+@pytest.mark.parametrize("head", HEADS, ids=lambda head: f"{type(head).__name__}{head.n_outputs}")
+def test_equal_uniform_numbers_pick_equal_actions(head: Head) -> None:
+    rng = np.random.default_rng(9)
+    for scale in (0.1, 1.0, 30.0):
+        outputs = rng.normal(scale=scale, size=(LANES, head.n_outputs))
+        uniforms = rng.uniform(1e-9, 1.0, (LANES, head.draws))
+        expected = head.sample(torch.from_numpy(outputs), torch.from_numpy(uniforms)).numpy()
+        np.testing.assert_allclose(choose(head, outputs, uniforms), expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("head", HEADS, ids=lambda head: f"{type(head).__name__}{head.n_outputs}")
+def test_greedy_actions_are_equal(head: Head) -> None:
+    outputs = np.random.default_rng(10).normal(size=(LANES, head.n_outputs))
+    outputs[0] = 0.0  # a tie
+    expected = head.mode(torch.from_numpy(outputs)).numpy()
+    np.testing.assert_allclose(choose(head, outputs, None), expected, rtol=1e-13, atol=1e-15)
+
+
+def test_extreme_uniform_numbers_pick_actions_that_exist() -> None:
+    for u in (0.5 * 2.0**-32, 1.0 - 0.5 * 2.0**-32):
+        uniforms = np.full((LANES, 2), u)
+        picks = choose(Categorical([3, 2]), np.full((LANES, 5), -800.0), uniforms)
+        np.testing.assert_array_equal(picks, np.tile([2.0, 1.0] if u > 0.5 else [0.0, 0.0], (LANES, 1)))
+        assert np.isfinite(choose(Gaussian(1), np.zeros((LANES, 2)), uniforms)).all()
+
+
+def test_a_head_without_a_compiled_twin_is_refused() -> None:
+    class Unknown(Head):
+        n_outputs = action_size = draws = 1
+
+        def log_prob(self, outputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+            return outputs
+
+        def entropy(self, outputs: torch.Tensor) -> torch.Tensor:
+            return outputs
+
+        def sample(self, outputs: torch.Tensor, uniforms: torch.Tensor) -> torch.Tensor:
+            return outputs
+
+        def mode(self, outputs: torch.Tensor) -> torch.Tensor:
+            return outputs
+
+    with pytest.raises(TypeError, match="no compiled sampling for a Unknown head"):
+        compiled_policy("none", 1, 1, Unknown(), True)

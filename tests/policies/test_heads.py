@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+import torch
+from scipy import stats
+from torch.distributions import Categorical as TorchCategorical
+from torch.distributions import Normal
+
+from dpsearch.policies import Categorical, Deterministic, Gaussian
+
+SHAPE = (5, 3)  # time, episodes
+
+
+def normal(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def uniform(*shape: int, seed: int = 0) -> torch.Tensor:
+    words = np.random.default_rng(seed).integers(2**32, size=shape)
+    return torch.from_numpy((words + 0.5) * 2.0**-32)
+
+
+def test_a_categorical_head_is_a_product_of_softmax_distributions() -> None:
+    head = Categorical([2, 4, 3])
+    outputs = normal(*SHAPE, 9)
+    twins = [TorchCategorical(logits=logits) for logits in outputs.split([2, 4, 3], dim=-1)]
+    actions = head.sample(outputs, uniform(*SHAPE, 3))
+    expected = sum(twin.log_prob(actions[..., i]) for i, twin in enumerate(twins))
+    torch.testing.assert_close(head.log_prob(outputs, actions), expected)
+    torch.testing.assert_close(head.entropy(outputs), sum(twin.entropy() for twin in twins))
+
+
+def test_actions_may_come_as_floats_as_rollouts_record_them() -> None:
+    head = Categorical([3])
+    outputs = normal(*SHAPE, 3)
+    actions = torch.ones(*SHAPE, 1)
+    torch.testing.assert_close(head.log_prob(outputs, actions), torch.log_softmax(outputs, -1)[..., 1])
+
+
+def test_a_gaussian_head_has_a_linear_mean_and_a_sigmoid_deviation() -> None:
+    head = Gaussian(2)
+    outputs = normal(*SHAPE, 4)
+    twin = Normal(outputs[..., :2], torch.sigmoid(outputs[..., 2:]))
+    actions = head.sample(outputs, uniform(*SHAPE, 4))
+    torch.testing.assert_close(head.log_prob(outputs, actions), twin.log_prob(actions).sum(-1))
+    torch.testing.assert_close(head.entropy(outputs), twin.entropy().sum(-1))
+    torch.testing.assert_close(head.variance(outputs), twin.variance.mean(-1))
+
+
+def test_a_gaussian_log_probability_is_finite_where_the_deviation_underflows() -> None:
+    outputs = torch.tensor([[0.0, -80.0]])
+    assert torch.isfinite(Gaussian(1).log_prob(outputs, torch.zeros(1, 1))).all()
+    assert torch.isfinite(Gaussian(1).entropy(outputs)).all()
+
+
+def test_sampled_choices_have_the_probabilities_of_the_softmax() -> None:
+    n = 20_000
+    outputs = torch.tensor([0.3, -1.0, 1.5, 0.0, -3.0], dtype=torch.float64)
+    picks = Categorical([5]).sample(outputs.expand(n, 5), uniform(n, 1, seed=1))[:, 0]
+    observed = np.bincount(picks.numpy(), minlength=5)
+    assert stats.chisquare(observed, n * torch.softmax(outputs, -1).numpy()).pvalue > 0.01
+
+
+def test_choices_of_different_groups_are_independent() -> None:
+    n = 20_000
+    picks = Categorical([2, 3]).sample(torch.zeros(n, 5), uniform(n, 2, seed=2)).numpy()
+    table = np.histogram2d(picks[:, 0], picks[:, 1], bins=(2, 3))[0]
+    assert stats.chisquare(table.ravel()).pvalue > 0.01
+
+
+def test_sampled_numbers_have_the_normal_distribution() -> None:
+    n = 20_000
+    outputs = torch.tensor([0.5, -2.0, 0.0, 1.0], dtype=torch.float64)
+    actions = Gaussian(2).sample(outputs.expand(n, 4), uniform(n, 4, seed=3)).numpy()
+    for i in range(2):
+        deviation = float(torch.sigmoid(outputs[2 + i]))
+        assert stats.kstest(actions[:, i], stats.norm(float(outputs[i]), deviation).cdf).pvalue > 0.01
+    assert abs(np.corrcoef(actions.T)[0, 1]) < 0.03
+
+
+def test_the_mode_is_what_is_most_probable() -> None:
+    outputs = torch.tensor([[1.0, 3.0, 2.0, 0.0, 5.0]])
+    assert Categorical([3, 2]).mode(outputs).tolist() == [[1, 1]]
+    assert Gaussian(2).mode(outputs[:, :4]).tolist() == [[1.0, 3.0]]
+    torch.testing.assert_close(Deterministic(5).mode(outputs), torch.tanh(outputs))
+
+
+def test_a_deterministic_head_has_no_probabilities() -> None:
+    outputs = torch.zeros(1, 2)
+    head = Deterministic(2)
+    assert torch.equal(head.sample(outputs, torch.zeros(1, 0)), head.mode(outputs))
+    with pytest.raises(TypeError, match="no log-probabilities"):
+        head.log_prob(outputs, outputs)
+    with pytest.raises(TypeError, match="no entropy"):
+        head.entropy(outputs)
+
+
+def test_only_a_gaussian_head_has_a_variance() -> None:
+    for head in (Categorical([2]), Deterministic(2)):
+        with pytest.raises(TypeError, match="Gaussian"):
+            head.variance(torch.zeros(1, 2))
+
+
+def test_a_head_without_actions_is_refused() -> None:
+    for sizes in ([], [0], [2, -1]):
+        with pytest.raises(ValueError, match="categorical head"):
+            Categorical(sizes)
+    for head in (Gaussian, Deterministic):
+        with pytest.raises(ValueError, match="at least one"):
+            head(0)
