@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dpsearch.algos.rpg import RPG as RPG
     from dpsearch.algos.rpg import RPGConfig as RPGConfig
+    from dpsearch.policies import PolicyConfig as PolicyConfig
     from dpsearch.policies import PolicyRunner as PolicyRunner
     from dpsearch.policies import RecurrentPolicy as RecurrentPolicy
-    from dpsearch.rollout import collect as collect
-    from dpsearch.rollout import evaluate as evaluate
+    from dpsearch.rollout import make_rollouts as make_rollouts
 
     __version__: str
 
@@ -22,13 +22,21 @@ if TYPE_CHECKING:
 _HOMES = {
     "RPG": "dpsearch.algos.rpg",
     "RPGConfig": "dpsearch.algos.rpg",
+    "PolicyConfig": "dpsearch.policies",
     "PolicyRunner": "dpsearch.policies",
     "RecurrentPolicy": "dpsearch.policies",
-    "collect": "dpsearch.rollout",
-    "evaluate": "dpsearch.rollout",
+    "make_rollouts": "dpsearch.rollout",
 }
 
-__all__ = ["RPG", "PolicyRunner", "RPGConfig", "RecurrentPolicy", "__version__", "collect", "evaluate"]
+__all__ = [
+    "RPG",
+    "PolicyConfig",
+    "PolicyRunner",
+    "RPGConfig",
+    "RecurrentPolicy",
+    "__version__",
+    "make_rollouts",
+]
 
 # In a checkout, envs/ and configs/ stand beside this package; once installed, inside it.
 _root = Path(__file__).parent.parent

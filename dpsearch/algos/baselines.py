@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 
 class Baseline(ABC):
@@ -53,15 +54,20 @@ class ConstantBaseline(Baseline):
     def __init__(self, window: int) -> None:
         self._episodes: deque[tuple[float, int]] = deque(maxlen=window)  # sum of R_t, steps
 
+    @override
     def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
         steps = sum(length for _, length in self._episodes)
         mean = sum(total for total, _ in self._episodes) / steps if steps else 0.0
-        self._episodes.extend(zip(returns.sum(0, dtype=torch.float64).tolist(), mask.sum(0).tolist(), strict=True))
+        self._episodes.extend(
+            zip(returns.sum(0, dtype=torch.float64).tolist(), mask.sum(0).tolist(), strict=True)
+        )
         return torch.tensor(mean, dtype=torch.float32), None
 
+    @override
     def state_dict(self) -> dict[str, Any]:
         return {"episodes": [list(episode) for episode in self._episodes]}
 
+    @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._episodes.clear()
         self._episodes.extend((total, steps) for total, steps in state["episodes"])
@@ -84,16 +90,20 @@ class SharedBaseline(Baseline):
         nn.init.zeros_(self._readout.weight)
         nn.init.zeros_(self._readout.bias)
 
+    @override
     def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
         expected = self._readout(features).squeeze(-1)  # (T, N)
         error = ((returns - expected) * mask).square().sum()
         return expected.detach(), self._weight * error
 
+    @override
     def parameters(self) -> list[nn.Parameter]:
         return list(self._readout.parameters())
 
+    @override
     def state_dict(self) -> dict[str, Any]:
         return self._readout.state_dict()
 
+    @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._readout.load_state_dict(state)

@@ -67,12 +67,18 @@ class RPGConfig:
             "batch_size": (self.batch_size >= 1, "at least 1"),
             "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
             "learning_rate": (self.learning_rate > 0.0, "positive"),
-            "gradient_length": (self.gradient_length is None or self.gradient_length > 0.0, "positive or null"),
+            "gradient_length": (
+                self.gradient_length is None or self.gradient_length > 0.0,
+                "positive or null",
+            ),
             "baseline": (self.baseline in ("constant", "shared"), "'constant' or 'shared'"),
             "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
             "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
             "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
-            "optimizer": (isinstance(getattr(torch.optim, self.optimizer, None), type), "a class of torch.optim"),
+            "optimizer": (
+                isinstance(getattr(torch.optim, self.optimizer, None), type),
+                "a class of torch.optim",
+            ),
         }
         for name, (fits, what) in accepted.items():
             if not fits:
@@ -141,7 +147,9 @@ class RPG(Algorithm[RPGConfig]):
         head, config = self.policy.head, self.config
         mask = torch.from_numpy(episodes.mask)  # (T, N)
         returns = torch.from_numpy(episodes.returns_to_go(config.gamma))  # R_t, (T, N), section 2.1
-        features, _ = self.policy.remember(torch.from_numpy(episodes.observations))  # (T, N, H), one fused call
+        features, _ = self.policy.remember(
+            torch.from_numpy(episodes.observations)
+        )  # (T, N, H), one fused call
         outputs = self.policy.readout(features)  # (T, N, K)
         baseline, baseline_loss = self.baseline(features, returns, mask)
         advantages = (returns - baseline) * mask  # R_t - b, (T, N)

@@ -21,7 +21,9 @@ _ROWS_AT_ONCE = 4  # rows that share one load of x; more brings nothing
 
 
 @intrinsic
-def affine(typing_context: Any, weights: Any, offset: Any, rows: Any, columns: Any, x: Any, output: Any) -> Any:
+def affine(
+    typing_context: Any, weights: Any, offset: Any, rows: Any, columns: Any, x: Any, output: Any
+) -> Any:
     """``affine(weights, offset, rows, columns, x, output)``: ``output[:rows] += W @ x[:columns]``.
 
     ``W`` is the row-major (rows, columns) matrix that starts at ``weights[offset]``. Weights are ``(P,)``, shared by

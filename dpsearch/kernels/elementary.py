@@ -18,7 +18,11 @@ from numba.extending import intrinsic
 _LOG2_E: Final = 1.4426950408889634
 _LN2_HIGH: Final = 6.93147180369123816490e-01  # 33 bits: n * _LN2_HIGH is exact
 _LN2_LOW: Final = 1.90821492927058770002e-10
-_PI_2: Final = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)  # 33 bits each
+_PI_2: Final = (
+    1.57079632673412561417,
+    6.07710050630396597660e-11,
+    2.02226624879595063154e-21,
+)  # 33 bits each
 _SHIFT: Final = 6755399441055744.0  # 1.5 * 2**52: adding it leaves a whole number in the low bits
 _E: Final = tuple(1.0 / math.factorial(k) for k in range(13))
 _S: Final = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(8))

@@ -179,7 +179,9 @@ def deterministic(sizes, noise, output, action):  # type: ignore[no-untyped-def]
             action[i, lane] = tanh(output[i, lane])
 
 
-def compiled_policy(core: str, observation_size: int, hidden_size: int, head: Head, bias: bool) -> CompiledPolicy:
+def compiled_policy(
+    core: str, observation_size: int, hidden_size: int, head: Head, bias: bool
+) -> CompiledPolicy:
     """The compiled twin of a ``RecurrentPolicy`` with these sizes."""
     forward, hidden_rows, scratch_rows = {
         "lstm": (lstm, 2 * hidden_size, 1 + 4 * hidden_size),

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -32,7 +33,7 @@ class Head(ABC):
 
     @abstractmethod
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        """log pi(a|h) ``(...)`` of actions ``(..., action_size)``."""
+        """Log pi(a|h) ``(...)`` of actions ``(..., action_size)``."""
 
     @abstractmethod
     def entropy(self, outputs: Tensor) -> Tensor:
@@ -66,6 +67,7 @@ class Categorical(Head):
         self.action_size = len(self.sizes)
         self.draws = len(self.sizes)
 
+    @override
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
         parts = [
             torch.log_softmax(logits, dim=-1).gather(-1, actions[..., i : i + 1].long()).squeeze(-1)
@@ -73,10 +75,12 @@ class Categorical(Head):
         ]
         return parts[0] if len(parts) == 1 else torch.stack(parts).sum(0)
 
+    @override
     def entropy(self, outputs: Tensor) -> Tensor:
         log_p = [torch.log_softmax(logits, dim=-1) for logits in outputs.split(self.sizes, dim=-1)]
         return -sum(((p.exp() * p).sum(-1) for p in log_p), start=torch.zeros(()))
 
+    @override
     def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
         picks = []
         for i, logits in enumerate(outputs.split(self.sizes, dim=-1)):
@@ -85,6 +89,7 @@ class Categorical(Head):
             picks.append(below.sum(-1))
         return torch.stack(picks, dim=-1)
 
+    @override
     def mode(self, outputs: Tensor) -> Tensor:
         return torch.stack([logits.argmax(-1) for logits in outputs.split(self.sizes, dim=-1)], dim=-1)
 
@@ -109,24 +114,29 @@ class Gaussian(Head):
     def _mean_and_std(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
         return outputs[..., : self.size], torch.sigmoid(outputs[..., self.size :])
 
+    @override
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
         mean, std = self._mean_and_std(outputs)
         log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
         return (-0.5 * ((actions - mean) / std) ** 2 - log_std - LOG_SQRT_2PI).sum(-1)
 
+    @override
     def entropy(self, outputs: Tensor) -> Tensor:
         log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
         return (log_std + 0.5 + LOG_SQRT_2PI).sum(-1)
 
+    @override
     def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
         mean, std = self._mean_and_std(outputs)
         radius = torch.sqrt(-2.0 * torch.log(uniforms[..., 0::2]))
         normal = radius * torch.cos(2.0 * math.pi * uniforms[..., 1::2])  # Box and Muller
         return mean + std * normal.to(mean.dtype)
 
+    @override
     def mode(self, outputs: Tensor) -> Tensor:
         return outputs[..., : self.size]
 
+    @override
     def variance(self, outputs: Tensor) -> Tensor:
         return self._mean_and_std(outputs)[1].detach().square().mean(-1)
 
@@ -145,14 +155,18 @@ class Deterministic(Head):
         self.action_size = size
         self.draws = 0
 
+    @override
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
         raise TypeError("a deterministic head has no log-probabilities: use it with a black-box search")
 
+    @override
     def entropy(self, outputs: Tensor) -> Tensor:
         raise TypeError("a deterministic head has no entropy: use it with a black-box search")
 
+    @override
     def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
         return self.mode(outputs)
 
+    @override
     def mode(self, outputs: Tensor) -> Tensor:
         return torch.tanh(outputs)

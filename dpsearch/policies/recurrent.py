@@ -1,4 +1,4 @@
-"""The policy: a recurrent core that remembers, a linear read-out, and a head that makes it a distribution (section 3.3.3).
+"""The policy: a core that remembers, a linear read-out, and a head that makes it a distribution (section 3.3.3).
 
 Only the outputs are stochastic; the memory is a deterministic function of the history, so its gradient is plain
 backpropagation through time, which ``torch.nn.LSTM`` does in one fused call for a whole batch of episodes.
@@ -67,9 +67,13 @@ class RecurrentPolicy(nn.Module):
         if core not in ("lstm", "rnn", "none"):
             raise ValueError(f"core must be 'lstm', 'rnn' or 'none', got {core!r}")
         if observation_size < 1 or hidden_size < 1:
-            raise ValueError(f"observation_size and hidden_size must be positive, got {observation_size}, {hidden_size}")
+            raise ValueError(
+                f"observation_size and hidden_size must be positive, got {observation_size}, {hidden_size}"
+            )
         if (forget_bias or input_bias) and (core != "lstm" or not bias):
-            raise ValueError(f"forget_bias and input_bias need an LSTM with biases, got core {core!r}, bias {bias}")
+            raise ValueError(
+                f"forget_bias and input_bias need an LSTM with biases, got core {core!r}, bias {bias}"
+            )
         super().__init__()
         self.observation_size = observation_size
         self.hidden_size = hidden_size
@@ -153,7 +157,9 @@ class RecurrentPolicy(nn.Module):
         """
         n = self.hidden_size
         if isinstance(self.core, nn.LSTM):
-            before = None if state is None else (state[None, :, :n].contiguous(), state[None, :, n:].contiguous())
+            before = (
+                None if state is None else (state[None, :, :n].contiguous(), state[None, :, n:].contiguous())
+            )
             features, (h, c) = self.core(observations, before)
             return features, torch.cat((h[0], c[0]), dim=-1)
         if isinstance(self.core, nn.RNN):
@@ -199,11 +205,15 @@ class RecurrentPolicy(nn.Module):
         parameters = self.free_parameters()
         size = sum(p.numel() for p in parameters)
         if np.shape(vector) != (size,):
-            raise ValueError(f"this policy has {size} free parameters, got a vector of shape {np.shape(vector)}")
+            raise ValueError(
+                f"this policy has {size} free parameters, got a vector of shape {np.shape(vector)}"
+            )
         if not np.isfinite(vector).all():
             raise ValueError("the weight vector has a NaN or infinite entry")
         with torch.no_grad():
-            for p, part in zip(parameters, np.split(vector, np.cumsum([p.numel() for p in parameters])[:-1]), strict=True):
+            for p, part in zip(
+                parameters, np.split(vector, np.cumsum([p.numel() for p in parameters])[:-1]), strict=True
+            ):
                 p.copy_(torch.as_tensor(part.reshape(p.shape)))
 
     def compiled(self) -> CompiledPolicy:

@@ -83,17 +83,9 @@ class CompiledRollouts:
         """
         if n_episodes < 1:
             raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
-        steps = self.max_steps if record else 0
-        observations = np.zeros((steps, n_episodes, self.kernel.observation_size), np.float32)
-        actions = np.zeros((steps, n_episodes, self.kernel.action_size), np.float32)
-        rewards = np.zeros((steps, n_episodes), np.float32)
-        episodes = np.arange(first_episode, first_episode + n_episodes, dtype=np.uint64)
-        returns, lengths, terminated = self._play(
-            policy, policy.vector(), None, key, episodes, np.zeros(n_episodes, np.int64), greedy,
-            observations, actions, rewards,
-        )  # fmt: skip
-        longest = int(lengths.max()) if record else 0
-        return Episodes(observations[:longest], actions[:longest], rewards[:longest], lengths, terminated, returns)
+        numbers = np.arange(first_episode, first_episode + n_episodes, dtype=np.uint64)
+        candidates = np.zeros(n_episodes, np.int64)
+        return self._play(policy, policy.vector(), key, numbers, candidates, greedy, record)
 
     def evaluate(
         self,
@@ -118,50 +110,53 @@ class CompiledRollouts:
             Undiscounted returns ``(N, E)`` and lengths ``(N, E)`` in steps.
         """
         weights, numbers = check_population(policy, population, episodes)
-        empty = np.zeros((0, 1, 1), np.float32)
         candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])
-        returns, lengths, _ = self._play(
-            policy, None, weights, key, numbers.ravel(), candidates, greedy, empty, empty, empty[..., 0]
-        )
-        return returns.reshape(numbers.shape), lengths.reshape(numbers.shape)
+        played = self._play(policy, weights, key, numbers.ravel(), candidates, greedy, record=False)
+        return played.returns.reshape(numbers.shape), played.lengths.reshape(numbers.shape)
 
     def _play(
         self,
         policy: RecurrentPolicy,
-        shared: NDArray[np.float64] | None,
-        population: NDArray[np.float64] | None,
+        weights: NDArray[np.float64],
         key: int,
         episodes: NDArray[np.uint64],
         candidates: NDArray[np.int64],
         greedy: bool,
-        observations: NDArray[np.float32],
-        actions: NDArray[np.float32],
-        rewards: NDArray[np.float32],
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
+        record: bool,
+    ) -> Episodes:
+        """Play the episodes of these numbers, with weights (P,) for all or each with its candidate's of (N, P)."""
         kernel, compiled = self.kernel, policy.compiled()
         check_fit(policy, kernel.observation_size, kernel.action_size)
         env_rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
         noise = 0 if greedy else noise_rows(compiled.draws)
         policy_rows = [compiled.hidden_rows, compiled.scratch_rows, compiled.n_outputs, noise]
+        environment = (
+            first_class(kernel.reset, RESET),
+            first_class(kernel.observe, OBSERVE),
+            first_class(kernel.step, STEP),
+            kernel.floats,
+            kernel.ints,
+            np.array(env_rows),
+        )
+        agent = (
+            first_class(compiled.forward, FORWARD_SHARED if weights.ndim == 1 else FORWARD_LANES),
+            first_class(compiled.mode if greedy else compiled.sample, SAMPLE),
+            compiled.sizes,
+            compiled.head_sizes,
+            np.array(policy_rows),
+        )
         queue = np.zeros(1, np.int64)
-        returns = np.zeros(len(episodes))
-        lengths = np.zeros(len(episodes), np.int64)
-        terminated = np.zeros(len(episodes), np.bool_)
+        jobs = (np.uint64(key), episodes, candidates, self.max_steps, queue)
+        n, steps = len(episodes), self.max_steps if record else 0  # pages of zeros cost nothing until written
+        observations = np.zeros((steps, n, kernel.observation_size), np.float32)
+        actions = np.zeros((steps, n, kernel.action_size), np.float32)
+        rewards = np.zeros((steps, n), np.float32)
+        returns, lengths, terminated = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
 
         def block(_: int) -> None:
-            if shared is not None:
-                weights, candidate_weights = shared, shared[None]
-            else:
-                assert population is not None
-                weights, candidate_weights = np.zeros((population.shape[1], LANES)), population
-            forward = first_class(compiled.forward, FORWARD_LANES if shared is None else FORWARD_SHARED)
-            play(
-                first_class(kernel.reset, RESET), first_class(kernel.observe, OBSERVE),
-                first_class(kernel.step, STEP), kernel.floats, kernel.ints, np.array(env_rows), forward,
-                first_class(compiled.mode if greedy else compiled.sample, SAMPLE), compiled.sizes,
-                compiled.head_sizes, np.array(policy_rows), weights, candidate_weights, np.uint64(key), episodes, candidates,
-                self.max_steps, queue, observations, actions, rewards, returns, lengths, terminated,
-            )  # fmt: skip
+            lanes = (weights, weights[None]) if weights.ndim == 1 else (np.zeros((weights.shape[1], LANES)), weights)
+            outcome = (observations, actions, rewards, returns, lengths, terminated)
+            play(*environment, *agent, *lanes, *jobs, *outcome)
 
         if self.threads == 1 or len(episodes) <= 1:
             block(0)
@@ -169,4 +164,5 @@ class CompiledRollouts:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(self.threads)
             list(self._pool.map(block, range(self.threads)))
-        return returns, lengths, terminated
+        longest = int(lengths.max()) if record else 0
+        return Episodes(observations[:longest], actions[:longest], rewards[:longest], lengths, terminated, returns)

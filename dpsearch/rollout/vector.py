@@ -153,8 +153,8 @@ class VectorRollouts:
         seeds = episode_seeds(key, numbers)
         returns, lengths, terminated = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
         job = np.where(np.arange(width) < n, np.arange(width), _IDLE)  # the episode that each lane plays
-        # A lane that is free takes the next episode. Where the environments choose the start states, every lane
-        # has a fixed share instead: then an episode does not depend on how long the others are.
+        # A lane that is free takes the next episode. Where environments start episodes by themselves, every
+        # lane has a fixed share instead: then an episode does not depend on how long the others are.
         shared = iter(range(width, n))
         following = [shared if lanes.restarts else iter(range(i + width, n, width)) for i in range(width)]
         recorder = _Recorder()

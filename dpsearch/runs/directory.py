@@ -49,6 +49,11 @@ class RunDirectory:
         """The run's configuration. There is a run here from the moment this file is."""
         return self.path / ".hydra" / "config.yaml"
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether anything was learned yet that must not be lost."""
+        return self.checkpoint.exists() or (self.metrics.exists() and self.metrics.stat().st_size > 0)
+
     @classmethod
     def free(cls, path: Path) -> RunDirectory:
         """The first of ``path``, ``path_2``, ``path_3``, ... that does not exist."""
@@ -74,7 +79,7 @@ class RunDirectory:
             overrides = OmegaConf.create(list(hydra.overrides.task))
             for name, content in (("hydra", OmegaConf.create({"hydra": hydra})), ("overrides", overrides)):
                 _write(self.config.with_name(f"{name}.yaml"), OmegaConf.to_yaml(content))
-            self.rewrite_config(config)
+            self.write_config(config)
         except OSError as error:
             raise RunError(f"cannot write the run directory {self.path}: {error.strerror}") from error
 
@@ -94,8 +99,8 @@ class RunDirectory:
         except Exception as error:  # YAML has errors of many kinds
             raise RunError(f"cannot read {self.config.parent}: {type(error).__name__}") from error
 
-    def rewrite_config(self, config: DictConfig) -> None:
-        """Note the configuration anew: a run that is resumed may get other limits."""
+    def write_config(self, config: DictConfig) -> None:
+        """Note the configuration."""
         _write(self.config, OmegaConf.to_yaml(config, resolve=True))
 
     def write_summary(self, summary: dict[str, Any]) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 import gymnasium as gym
 
-import dpsearch.envs  # registers them
 from dpsearch.envs import ObserveOnly
 from dpsearch.policies import UnsupportedSpaceError
 from dpsearch.rollout import Rollouts, make_rollouts
@@ -46,7 +45,9 @@ class EnvRecipe:
             module, _, name = self.id.rpartition(":")
             if module:
                 import_module(module)
-            spec = gym.spec(name)  # kwargs in the spec, since gym.make would take max_episode_steps for itself
+            spec = gym.spec(
+                name
+            )  # kwargs in the spec, since gym.make would take max_episode_steps for itself
             spec = dataclasses.replace(spec, kwargs={**spec.kwargs, **self.kwargs})
             env = gym.make(spec, max_episode_steps=self.max_episode_steps, **extra)
             if self.observe_only is not None:

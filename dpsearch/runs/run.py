@@ -139,7 +139,11 @@ class Run:
         self._wall = now - self._start
         recent = algorithm.recent_returns
         metrics = {**metrics, "recent_return": sum(recent) / len(recent)}
-        counts = {"update": algorithm.updates, "episodes": algorithm.episodes, "env_steps": algorithm.env_steps}
+        counts = {
+            "update": algorithm.updates,
+            "episodes": algorithm.episodes,
+            "env_steps": algorithm.env_steps,
+        }
         self._metrics.add({**counts, **metrics, "time/wall": self._wall})
         self._tensorboard.add(metrics)
         if self._look.due(now):

@@ -60,6 +60,7 @@ class TensorBoardLog:
         writer = self._open()
         for name, value in zip(EVALUATION, (stochastic, greedy), strict=True):
             writer.add_scalar(name, value, env_steps)
+        self._add_table(writer, end=True)
 
     def close(self) -> None:
         """Write what is left."""
@@ -70,13 +71,21 @@ class TensorBoardLog:
         """The writer, made as late as possible: its import takes a while."""
         if self._writer is None:
             from torch.utils.tensorboard import SummaryWriter
-            from torch.utils.tensorboard.summary import hparams
 
             self._writer = SummaryWriter(str(self._path), purge_step=self._purge_step, flush_secs=10)
-            # not SummaryWriter.add_hparams, which begins another run in a folder of its own
-            for summary in hparams(self._hyperparameters, dict.fromkeys(("return", *EVALUATION), 0.0)):
-                self._writer._get_file_writer().add_summary(summary)
+            self._add_table(self._writer, end=False)
         return self._writer
+
+    def _add_table(self, writer: SummaryWriter, *, end: bool) -> None:
+        """The run's row of the hyperparameter table, in two parts: at the start, and at the end that it came to one.
+
+        Not by ``SummaryWriter.add_hparams``, which begins another run in a folder of its own.
+        """
+        from torch.utils.tensorboard.summary import hparams
+
+        *start, finished = hparams(self._hyperparameters, dict.fromkeys(("return", *EVALUATION), 0.0))
+        for summary in [finished] if end else start:
+            writer._get_file_writer().add_summary(summary)
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> list[tuple[str, bool | str | float]]:

@@ -1,0 +1,200 @@
+"""The application that trains: ``python train.py algo=rpg env=tmaze``, or ``dpsearch-train`` once installed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import hydra
+import torch
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from dpsearch import config as schema
+from dpsearch.algos import ALGORITHMS, Algorithm
+from dpsearch.algos.checkpoint import CheckpointError
+from dpsearch.config import TrainConfig
+from dpsearch.policies import UnsupportedSpaceError
+from dpsearch.rollout import Rollouts
+from dpsearch.runs import Limits, Run, RunDirectory, RunError
+
+FULL_ERROR = "HYDRA_FULL_ERROR"
+TRACEBACKS = os.environ.get(FULL_ERROR) == "1"  # asked for, even where one line would do
+
+schema.register()
+
+
+def main() -> None:
+    """Compose the configuration from the command line, and train."""
+    os.environ[FULL_ERROR] = "1"  # Hydra then leaves its errors to us
+    try:
+        with _errors_in_one_line():
+            _application()
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+@hydra.main(config_path="pkg://dpsearch.configs", config_name="train", version_base="1.3")
+def _application(config: DictConfig) -> None:
+    with _errors_in_one_line():  # here too: Hydra adds a line to what it sees
+        train(config, HydraConfig.get())
+
+
+def train(config: DictConfig, hydra_config: DictConfig) -> None:
+    """Begin a run, or go on with one, and bring it to its end.
+
+    Args:
+        config: What to do, as composed; see ``TrainConfig``.
+        hydra_config: Hydra's own configuration.
+
+    Raises:
+        RunError: If that cannot be done.
+        CheckpointError: If the run to go on with has no checkpoint that can be read.
+        SystemExit: If a signal ended it, once the checkpoint is written.
+    """
+    torch.set_num_threads(1)  # fastest at these sizes; and nothing may depend on how many there are
+    if config.resume is None:
+        choices = dict(hydra_config.runtime.choices)
+        settings = schema.checked(config, choices)
+        directory = _new_directory(settings, choices)
+    else:
+        directory = RunDirectory(Path(config.resume))
+        config, choices = _resumed(directory, config, list(hydra_config.overrides.task))
+        settings = schema.checked(config, choices)
+    begun = config.resume is not None and directory.has_begun
+    recipe = settings.env.recipe()
+    rollouts = recipe.rollouts(threads=settings.rollout.threads, num_envs=settings.rollout.num_envs)
+    limits = _limits(settings, rollouts)
+    algorithm = _algorithm(ALGORITHMS[choices["algo"]], settings, rollouts, directory if begun else None)
+    if config.resume is None:
+        directory.begin(config, hydra_config)
+    with Run(
+        directory,
+        algorithm,
+        recipe,
+        limits,
+        hyperparameters=_hyperparameters(config),
+        checkpoint_seconds=settings.checkpoint_seconds,
+        progress=settings.progress,
+    ) as run:
+        directory.write_config(config)  # the limits may be new
+        print(f"{algorithm.name} on {recipe.id}, seed {algorithm.seed}: {directory.path}", file=sys.stderr)
+        try:
+            signal = run.learn()
+        except FloatingPointError as error:
+            raise RunError(f"{error}; the run so far is in {directory.path}") from error
+        if signal is not None:
+            resume = _command(f"resume={directory.path}")
+            print(f"{signal.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)
+            sys.exit(128 + signal)
+        print(_report(directory, run.finish(settings.evaluation_episodes)))
+
+
+def _resumed(
+    directory: RunDirectory, asked: DictConfig, overrides: list[str]
+) -> tuple[DictConfig, dict[str, str]]:
+    """A run's configuration with what may be changed of it, and the option chosen of each group."""
+    keys = [override.partition("=")[0].lstrip("+~") for override in overrides]
+    refused = [key for key in keys if key not in schema.RESUMABLE]
+    if refused:
+        allowed = ", ".join(sorted(schema.RESUMABLE - {"resume"}))
+        raise RunError(f"{refused[0]} cannot be changed when a run is resumed, only {allowed} can")
+    config, choices = directory.read_config()
+    for key in keys:
+        OmegaConf.update(config, key, OmegaConf.select(asked, key))
+    return config, choices
+
+
+def _new_directory(settings: TrainConfig, choices: dict[str, str]) -> RunDirectory:
+    if settings.run_dir is not None:
+        return RunDirectory(Path(settings.run_dir))
+    env = choices["env"]
+    if env == "gym":  # says little
+        env = re.sub(r"[^\w.-]+", "-", settings.env.id.rpartition(":")[2])
+    name = f"{datetime.now():%Y-%m-%d_%H-%M-%S}_seed{settings.seed}"
+    return RunDirectory.free(Path("runs") / choices["algo"] / env / name)
+
+
+def _limits(settings: TrainConfig, rollouts: Rollouts) -> Limits:
+    limits = Limits(
+        settings.total_steps,
+        settings.total_episodes,
+        settings.total_updates,
+        until_solved=settings.until_solved and rollouts.reward_threshold is not None,
+    )
+    if limits == Limits():
+        raise RunError(
+            "nothing would end this run: give total_steps, total_episodes or total_updates; "
+            "until_solved ends it only if the environment has a reward threshold"
+        )
+    return limits
+
+
+def _algorithm(
+    kind: type[Algorithm[Any]], settings: TrainConfig, rollouts: Rollouts, begun: RunDirectory | None
+) -> Algorithm[Any]:
+    """The algorithm as the checkpoint has it, or a new one."""
+    if begun is not None:
+        return kind.load(begun.checkpoint, env=rollouts)
+    try:
+        return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed)
+    except (UnsupportedSpaceError, ValueError, TypeError) as error:  # TypeError: unknown optimizer_options
+        raise RunError(str(error)) from error
+
+
+def _hyperparameters(config: DictConfig) -> dict[str, Any]:
+    plain = OmegaConf.to_container(config, resolve=True)
+    assert isinstance(plain, dict)
+    return {str(key): plain[key] for key in ("algo", "env", "policy", "seed")}
+
+
+def _command(argument: str) -> str:
+    """How this application is called with another argument."""
+    program = "python train.py" if Path(sys.argv[0]).name == "train.py" else "dpsearch-train"
+    return f"{program} {shlex.quote(argument)}"
+
+
+def _report(directory: RunDirectory, summary: dict[str, Any]) -> str:
+    """What a finished run says in the end."""
+    threshold, path = summary["reward_threshold"], shlex.quote(str(directory.path))
+    achieved = [
+        f"{summary[f'return_{kind}']:.4g} ± {summary[f'return_{kind}_se']:.2g} {kind}"
+        for kind in ("stochastic", "greedy")
+    ]
+    if threshold is not None:
+        achieved.append(f"{'solved' if summary['solved'] else 'not solved'} (threshold {threshold:g})")
+    return "\n".join(
+        [
+            f"{summary['updates']:,} updates, {summary['episodes']:,} episodes, "
+            f"{summary['env_steps']:,} environment steps in {summary['wall_time_s']:.1f} s",
+            f"mean return of {summary['evaluation_episodes']} episodes: {', '.join(achieved)}",
+            f"watch it:   dpsearch-evaluate {path} --render",
+            f"see curves: tensorboard --logdir {path}",
+        ]
+    )
+
+
+@contextmanager
+def _errors_in_one_line() -> Iterator[None]:
+    """Turn the errors that are the user's to mend into one line and exit code 2."""
+    try:
+        yield
+    except (RunError, CheckpointError, HydraException, OmegaConfBaseException) as error:
+        if TRACEBACKS:
+            raise
+        print(f"error: {_one_line(error)}", file=sys.stderr)
+        sys.exit(2)
+
+
+def _one_line(error: Exception) -> str:
+    """A message without the details that Hydra and OmegaConf put on further lines."""
+    return str(error)
