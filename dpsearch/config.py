@@ -1,5 +1,7 @@
 """The configuration's schema: dataclasses say which keys there are and of what type, YAML files give the values.
 
+Only what algorithms and policies take has defaults of its own, since they are used without configuration files too.
+
 An option of a config group is named after its schema: ``configs/env/tmaze.yaml`` is checked against ``ENVS["tmaze"]``.
 Ranges are checked where the values are used, or in ``__post_init__`` here; either way before anything is written.
 """
@@ -64,9 +66,7 @@ class GymConfig(EnvConfig):
 
     def recipe(self) -> EnvRecipe:
         """How to make the environment."""
-        return EnvRecipe(
-            self.id, self.kwargs, self.observe_only, self.max_episode_steps, self.reward_threshold
-        )
+        return EnvRecipe(self.id, self.kwargs, self.observe_only, self.max_episode_steps, self.reward_threshold)
 
 
 @dataclass
@@ -114,16 +114,16 @@ class TrainConfig:
     env: EnvConfig = MISSING
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
-    seed: int = 0
-    run_dir: str | None = None
-    resume: str | None = None
-    until_solved: bool = True
-    total_steps: int | None = None
-    total_episodes: int | None = None
-    total_updates: int | None = None
-    evaluation_episodes: int = 100
-    checkpoint_seconds: float = 30.0
-    progress: bool = True
+    seed: int = MISSING
+    run_dir: str | None = MISSING
+    resume: str | None = MISSING
+    until_solved: bool = MISSING
+    total_steps: int | None = MISSING
+    total_episodes: int | None = MISSING
+    total_updates: int | None = MISSING
+    evaluation_episodes: int = MISSING
+    checkpoint_seconds: float = MISSING
+    progress: bool = MISSING
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the key if a value is out of range."""
@@ -163,7 +163,11 @@ def register() -> None:
     store.store(name="train_schema", node=TrainConfig)
     for group, schemas in (("algo", ALGOS), ("env", ENVS)):
         for name, schema in schemas.items():
-            store.store(group=group, name=f"{name}_schema", node=schema)
+            node = OmegaConf.structured(schema)
+            for key in node:
+                if OmegaConf.is_dict(node._get_node(key)):  # an argument of something: takes any keys
+                    OmegaConf.set_struct(node[key], False)
+            store.store(group=group, name=f"{name}_schema", node=node)
 
 
 def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
@@ -182,7 +186,8 @@ def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
         if choices[group] not in schemas:
             raise RunError(f"{group}={choices[group]} has no schema: there is one for {', '.join(schemas)}")
         chosen[group] = schemas[choices[group]]
-    typed = OmegaConf.merge(OmegaConf.structured(TrainConfig), chosen, config)
+    plain = OmegaConf.to_container(config)  # else a key that was forced in (+key=value) would be let through
+    typed = OmegaConf.merge(OmegaConf.structured(TrainConfig), chosen, plain)
     for section in ("algo", "env", "policy", "rollout", None):  # one by one, to name the one that is wrong
         try:
             settings = OmegaConf.to_object(typed if section is None else typed[section])

@@ -99,9 +99,7 @@ def train(config: DictConfig, hydra_config: DictConfig) -> None:
         print(_report(directory, run.finish(settings.evaluation_episodes)))
 
 
-def _resumed(
-    directory: RunDirectory, asked: DictConfig, overrides: list[str]
-) -> tuple[DictConfig, dict[str, str]]:
+def _resumed(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> tuple[DictConfig, dict[str, str]]:
     """A run's configuration with what may be changed of it, and the option chosen of each group."""
     keys = [override.partition("=")[0].lstrip("+~") for override in overrides]
     refused = [key for key in keys if key not in schema.RESUMABLE]
@@ -196,5 +194,13 @@ def _errors_in_one_line() -> Iterator[None]:
 
 
 def _one_line(error: Exception) -> str:
-    """A message without the details that Hydra and OmegaConf put on further lines."""
-    return str(error)
+    """A message in one line: Hydra and OmegaConf put causes, details and hints on several."""
+    cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else None
+    message = str(error) if cause is None else f"{error}\n{cause}"
+    lines = [line.strip().removeprefix("In 'train': ") for line in message.splitlines()]
+    if "Config search path:" in lines:
+        lines = lines[: lines.index("Config search path:")]
+    where = [line.removeprefix("full_key: ") for line in lines if line.startswith("full_key: ")]
+    noise = ("To append to", "full_key: ", "reference_type=", "object_type=", "See https:")
+    said = [line for line in lines if line and not line.startswith(noise) and not line.endswith("_schema")]
+    return ": ".join(line.rstrip(".:") for line in (said if cause else where + said))

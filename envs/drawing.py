@@ -37,9 +37,7 @@ class Canvas:
         """The finished picture, ``(height, width, 3)``."""
         return np.array(self._image.reduce(_OVERSAMPLING))
 
-    def box(
-        self, corner: Point, opposite: Point, fill: str, outline: str | None = None, radius: float = 0
-    ) -> None:
+    def box(self, corner: Point, opposite: Point, fill: str, outline: str | None = None, radius: float = 0) -> None:
         """A rectangle, its upper left and lower right corner given, with rounded corners."""
         corners = [value * _OVERSAMPLING for value in (*corner, *opposite)]
         self._draw.rounded_rectangle(corners, radius * _OVERSAMPLING, fill, outline, 2 * _OVERSAMPLING)

@@ -168,9 +168,7 @@ class TabularPOMDP:
         _require_range("actions", action, n_actions)
         keep = ~over[state]
         ends = np.repeat(np.flatnonzero(over), n_actions)
-        row = np.concatenate(
-            [(state * n_actions + action)[keep], ends * n_actions + np.arange(len(ends)) % n_actions]
-        )
+        row = np.concatenate([(state * n_actions + action)[keep], ends * n_actions + np.arange(len(ends)) % n_actions])
         probability = np.append(probability[keep], np.ones(len(ends)))
         order = by_row(row, probability)
         transitions = Distributions(
@@ -245,9 +243,7 @@ class TabularPOMDP:
                 observation_names = (*observation_names, "nothing")
         else:
             first = np.broadcast_to(np.asarray(first_observation, np.float64), (n_states, n_symbols))
-        by_arrival = seen.transpose(1, 0, 2).reshape(
-            n_states * n_actions, -1
-        )  # row = next state * A + action
+        by_arrival = seen.transpose(1, 0, 2).reshape(n_states * n_actions, -1)  # row = next state * A + action
         pool, row = np.unique(np.concatenate([by_arrival, first]), axis=0, return_inverse=True)
         action, state, following = np.nonzero(moves)
         return cls.from_entries(

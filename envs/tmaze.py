@@ -109,9 +109,7 @@ def _checked_length(corridor_length: int) -> int:
     except TypeError:
         n = -1
     if not 1 <= n <= LONGEST:
-        raise ValueError(
-            f"corridor_length must be a whole number from 1 to {LONGEST}, got {corridor_length!r}"
-        )
+        raise ValueError(f"corridor_length must be a whole number from 1 to {LONGEST}, got {corridor_length!r}")
     return n
 
 

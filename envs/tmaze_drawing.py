@@ -105,9 +105,7 @@ def picture(view: View) -> Frame:
     canvas = Canvas(WIDTH, HEIGHT)
     message, color = view.message()
     canvas.text((40, 42), "T-maze", 30)
-    canvas.text(
-        (158, 45), "Remember the road sign, walk to the junction, turn the way it pointed.", 17, FAINT
-    )
+    canvas.text((158, 45), "Remember the road sign, walk to the junction, turn the way it pointed.", 17, FAINT)
     canvas.text((40, 88), message, 21, color)
     _maze(canvas, view)
     _panel(canvas, view)
@@ -192,8 +190,7 @@ def text(view: View) -> str:
     corridor = " ".join(marks)
     margin = " " * (len(corridor) + 1)
     north, south = (
-        ("A " if arm == view.arm else "") + ("+4" if arm == view.goal else "-0.1")
-        for arm in ("north", "south")
+        ("A " if arm == view.arm else "") + ("+4" if arm == view.goal else "-0.1") for arm in ("north", "south")
     )
     inputs = " ".join(f"{value:g}" for value in view.inputs)
     return "\n".join(

@@ -145,7 +145,5 @@ def test_neighbours_keep_apart_except_on_the_top_floor() -> None:
 )
 def test_importing_does_not_bring_what_is_not_needed(module: str, forbidden: set[str]) -> None:
     code = f"import sys, {module}; print(*sys.modules)"
-    result = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
-    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True)
     assert not forbidden & set(result.stdout.split())

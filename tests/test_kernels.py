@@ -11,9 +11,9 @@ from numba import njit, types
 from numpy.typing import NDArray
 from scipy import stats
 
-from dpsearch.kernels.affine import affine
 from dpsearch.kernels.elementary import exp, log, sigmoid, sincos, tanh
 from dpsearch.kernels.lanes import FLOATS, INTS, LANES, ROWS, fetch_add, noise_rows
+from dpsearch.kernels.matvec import matvec
 from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw, episode_seeds, philox4x32, stream_key
 
 ONES = 0xFFFFFFFF
@@ -35,9 +35,7 @@ def compiled_philox(counters: Any, keys: Any) -> list[list[int]]:
     return [[int(word) for word in row] for row in words]
 
 
-def uniforms(
-    key: int, episodes: Any, steps: Any, purpose: int = ENVIRONMENT, rows: int = 4
-) -> NDArray[np.float64]:
+def uniforms(key: int, episodes: Any, steps: Any, purpose: int = ENVIRONMENT, rows: int = 4) -> NDArray[np.float64]:
     noise = np.empty((rows, LANES))
     draw(
         np.uint64(key),
@@ -66,9 +64,7 @@ def stream(key: int, count: int, rows: int = 4) -> NDArray[np.float64]:
         ),
     ],
 )
-def test_philox_gives_the_published_reference_vectors(
-    counter: list[int], key: list[int], words: list[int]
-) -> None:
+def test_philox_gives_the_published_reference_vectors(counter: list[int], key: list[int], words: list[int]) -> None:
     assert compiled_philox([counter], [key]) == [words]
     assert plain_philox(counter, key) == words
 
@@ -76,9 +72,7 @@ def test_philox_gives_the_published_reference_vectors(
 def test_philox_agrees_with_plain_python_on_random_input() -> None:
     random = np.random.default_rng(0)
     counters, keys = random.integers(2**32, size=(300, 4)), random.integers(2**32, size=(300, 2))
-    expected = [
-        plain_philox(counter, key) for counter, key in zip(counters.tolist(), keys.tolist(), strict=True)
-    ]
+    expected = [plain_philox(counter, key) for counter, key in zip(counters.tolist(), keys.tolist(), strict=True)]
     assert compiled_philox(counters, keys) == expected
 
 
@@ -225,9 +219,7 @@ def test_log_is_accurate_to_1e_14_over_all_normal_numbers() -> None:
 
 def test_elementary_functions_at_their_ends() -> None:
     at = elementary([0.0, -0.0, -1e4, 1e4, math.inf, -math.inf])
-    assert at["exp"].tolist() == pytest.approx(
-        [1, 1, *[math.exp(x) for x in (-708, 709, 709, -708)]], rel=1e-14
-    )
+    assert at["exp"].tolist() == pytest.approx([1, 1, *[math.exp(x) for x in (-708, 709, 709, -708)]], rel=1e-14)
     assert at["tanh"].tolist() == [0, 0, -1, 1, 1, -1]
     assert at["sigmoid"][:2].tolist() == [0.5, 0.5]
     assert at["sigmoid"][2:].tolist() == pytest.approx([0, 1, 1, 0], abs=1e-300)
@@ -237,33 +229,31 @@ def test_elementary_functions_at_their_ends() -> None:
 
 
 @njit  # type: ignore[untyped-decorator, unused-ignore]
-def _affine(weights, offset, rows, columns, x, output):  # type: ignore[no-untyped-def]
-    affine(weights, offset, rows, columns, x, output)
+def _matvec(weights, offset, rows, columns, x, output):  # type: ignore[no-untyped-def]
+    matvec(weights, offset, rows, columns, x, output)
 
 
 @pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize(("rows", "columns"), [(0, 3), (1, 1), (3, 0), (3, 5), (4, 4), (9, 7), (40, 13)])
-def test_affine_adds_the_product_of_matrix_and_vector(rows: int, columns: int, shared: bool) -> None:
+@pytest.mark.parametrize(("rows", "columns"), [(0, 3), (1, 1), (3, 5), (4, 4), (9, 7), (40, 13)])
+def test_matvec_is_the_product_of_matrix_and_vector(rows: int, columns: int, shared: bool) -> None:
     random = np.random.default_rng(rows)
     offset = 5
-    weights = random.normal(
-        size=offset + rows * columns + 2 if shared else (offset + rows * columns + 2, LANES)
-    )
+    weights = random.normal(size=offset + rows * columns + 2 if shared else (offset + rows * columns + 2, LANES))
     x, output = random.normal(size=(columns + 1, LANES)), random.normal(size=(rows + 1, LANES))
     before = output.copy()
-    _affine(weights, offset, rows, columns, x, output)
+    _matvec(weights, offset, rows, columns, x, output)
     matrix = weights[offset : offset + rows * columns].reshape(rows, columns, *weights.shape[1:])
     product = np.einsum("rc,cl->rl" if shared else "rcl,cl->rl", matrix, x[:columns])
-    np.testing.assert_allclose(output[:rows], before[:rows] + product, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(output[:rows], product, rtol=1e-13, atol=1e-13)
     assert (output[rows] == before[rows]).all()  # nothing beyond the rows asked for
 
 
-def test_affine_fuses_each_product_with_its_sum_in_the_order_of_the_columns() -> None:
+def test_matvec_fuses_each_product_with_its_sum_in_the_order_of_the_columns() -> None:
     random = np.random.default_rng(9)
     rows, columns = 5, 6
     weights, x = random.normal(size=rows * columns), random.normal(size=(columns, LANES))
     output = np.zeros((rows, LANES))
-    _affine(weights, 0, rows, columns, x, output)
+    _matvec(weights, 0, rows, columns, x, output)
     for row in range(rows):
         for lane in range(LANES):
             total = 0.0

@@ -9,9 +9,7 @@ import dpsearch
 
 def test_type_checkers_and_the_interpreter_find_the_same_names() -> None:
     tree = ast.parse(Path(dpsearch.__file__).read_text())
-    (block,) = (
-        node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-    )
+    (block,) = (node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
     imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
     assert {alias.name: node.module for node in imports for alias in node.names} == dpsearch._HOMES
     assert set(dpsearch.__all__) == {*dpsearch._HOMES, "__version__"}

@@ -23,13 +23,9 @@ from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_act
 from dpsearch.rollout import Episodes, Rollouts, make_rollouts
 
 TRAINING, EVALUATION, WEIGHTS = 1, 2, 3  # purposes of a seed's streams
-RECENT_EPISODES = (
-    100  # training episodes whose mean return is reported, and evaluation episodes that decide "solved"
-)
+RECENT_EPISODES = 100  # training episodes whose mean return is reported, and evaluation episodes that decide "solved"
 
-Env = (
-    str | gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any] | Callable[[], gym.Env[Any, Any]] | Rollouts
-)
+Env = str | gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any] | Callable[[], gym.Env[Any, Any]] | Rollouts
 Metrics = dict[str, float]
 ConfigT = TypeVar("ConfigT")
 
@@ -54,11 +50,7 @@ class Evaluation:
     @property
     def standard_error(self) -> float:
         """Standard error of the mean return; NaN for a single episode."""
-        return (
-            float(self.returns.std(ddof=1) / np.sqrt(len(self.returns)))
-            if len(self.returns) > 1
-            else float("nan")
-        )
+        return float(self.returns.std(ddof=1) / np.sqrt(len(self.returns))) if len(self.returns) > 1 else float("nan")
 
     @property
     def mean_length(self) -> float:
@@ -167,9 +159,7 @@ class Algorithm(ABC, Generic[ConfigT]):
             raise ValueError("until_solved needs an environment with a reward_threshold; this one has none")
         limits = (total_steps, total_episodes, total_updates)
         if all(limit is None for limit in limits) and not until_solved and callback is None:
-            raise ValueError(
-                "learn() needs total_steps, total_episodes, total_updates, until_solved or a callback"
-            )
+            raise ValueError("learn() needs total_steps, total_episodes, total_updates, until_solved or a callback")
         while not (until_solved and self.solved):
             counts = (self.env_steps, self.episodes, self.updates)
             if any(limit is not None and count >= limit for count, limit in zip(counts, limits, strict=True)):
@@ -187,14 +177,10 @@ class Algorithm(ABC, Generic[ConfigT]):
         Raises:
             FloatingPointError: If the environment paid a reward that is not finite.
         """
-        episodes = self.rollouts.collect(
-            self.policy, n_episodes, key=self.training_key, first_episode=self.episodes
-        )
+        episodes = self.rollouts.collect(self.policy, n_episodes, key=self.training_key, first_episode=self.episodes)
         if not np.isfinite(episodes.returns).all():
             worst = self.episodes + int(np.argmin(np.isfinite(episodes.returns)))
-            raise FloatingPointError(
-                f"the environment paid a reward that is NaN or infinite in episode {worst}"
-            )
+            raise FloatingPointError(f"the environment paid a reward that is NaN or infinite in episode {worst}")
         self.episodes += n_episodes
         self.env_steps += episodes.steps
         self.recent_returns.extend(episodes.returns.tolist())

@@ -58,9 +58,7 @@ class ConstantBaseline(Baseline):
     def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
         steps = sum(length for _, length in self._episodes)
         mean = sum(total for total, _ in self._episodes) / steps if steps else 0.0
-        self._episodes.extend(
-            zip(returns.sum(0, dtype=torch.float64).tolist(), mask.sum(0).tolist(), strict=True)
-        )
+        self._episodes.extend(zip(returns.sum(0, dtype=torch.float64).tolist(), mask.sum(0).tolist(), strict=True))
         return torch.tensor(mean, dtype=torch.float32), None
 
     @override

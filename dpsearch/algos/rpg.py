@@ -102,9 +102,9 @@ class RPG(Algorithm[RPGConfig]):
         env_kwargs: dict[str, Any] | None = None,
         **overrides: Any,
     ) -> None:
-        super().__init__(
-            env, config, policy=policy, seed=seed, threads=threads, env_kwargs=env_kwargs, **overrides
-        )
+        super().__init__(env, config, policy=policy, seed=seed, threads=threads, env_kwargs=env_kwargs, **overrides)
+        if self.config.variance_scaled:
+            self.policy.head.variance(torch.zeros(1, self.policy.head.n_outputs))  # refused now, not when it learns
         self.baseline: Baseline = (
             ConstantBaseline(self.config.baseline_episodes)
             if self.config.baseline == "constant"
@@ -147,10 +147,8 @@ class RPG(Algorithm[RPGConfig]):
         head, config = self.policy.head, self.config
         mask = torch.from_numpy(episodes.mask)  # (T, N)
         returns = torch.from_numpy(episodes.returns_to_go(config.gamma))  # R_t, (T, N), section 2.1
-        features, _ = self.policy.remember(
-            torch.from_numpy(episodes.observations)
-        )  # (T, N, H), one fused call
-        outputs = self.policy.readout(features)  # (T, N, K)
+        features, _ = self.policy.remember(torch.from_numpy(episodes.observations))  # (T, N, H), one fused call
+        outputs = self.policy.read_out(features)  # (T, N, K)
         baseline, baseline_loss = self.baseline(features, returns, mask)
         advantages = (returns - baseline) * mask  # R_t - b, (T, N)
         if config.variance_scaled:

@@ -74,6 +74,13 @@ def exp(x):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
+def expm1(x):  # type: ignore[no-untyped-def]
+    """``e**x - 1``, accurate near 0 too; arguments outside [-708, 709] are taken to the nearer end."""
+    p, scale = _reduced_expm1(min(max(x, -708.0), 709.0))
+    return scale * p + (scale - 1.0)
+
+
+@njit(inline="always")
 def sigmoid(x):  # type: ignore[no-untyped-def]
     """``1 / (1 + e**-x)``."""
     return 1.0 / (1.0 + exp(-x))
@@ -81,9 +88,8 @@ def sigmoid(x):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def tanh(x):  # type: ignore[no-untyped-def]
-    """Hyperbolic tangent, accurate near 0 too: (e^2x - 1) / (e^2x + 1) with the difference taken exactly."""
-    p, scale = _reduced_expm1(min(max(2.0 * x, -80.0), 80.0))
-    t = scale * p + (scale - 1.0)
+    """Hyperbolic tangent, accurate near 0 too."""
+    t = expm1(2.0 * min(max(x, -40.0), 40.0))
     return t / (t + 2.0)
 
 

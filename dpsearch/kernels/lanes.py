@@ -20,8 +20,8 @@ from numba.core.types.function_type import CompileResultWAP
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-LANES = 16
-"""Episodes in a block. 16 doubles are two AVX-512 registers or four AVX2 ones: enough to hide latency in both."""
+LANES = 24
+"""Episodes in a block: three AVX-512 registers of doubles, enough to hide latency, and no waste with batches of 20."""
 
 FASTMATH = {"contract", "nsz", "arcp"}
 """Freedom for the compiler that keeps infinities and NaN meaningful and never reorders a sum."""

@@ -27,9 +27,7 @@ _LOW = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
 
 
-@njit(
-    inline="always"
-)  # a 32 x 32 -> 64 bit product and its halves stay in 64-bit lanes, which SIMD units have
+@njit(inline="always")  # a 32 x 32 -> 64 bit product and its halves stay in 64-bit lanes, which SIMD units have
 def _rounds(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
     for _ in range(10):
         p0 = _MULTIPLIER_0 * c0

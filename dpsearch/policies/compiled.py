@@ -1,8 +1,9 @@
 """The forward pass and the sampling of policies, compiled for lanes: what lets an engine play millions of steps.
 
 Each function is the twin of a torch module (``recurrent.py``, ``heads.py``) and agrees with it to rounding. Weights
-come flat, in the order of ``RecurrentPolicy.vector()``: input weights, recurrent weights, biases, head weights, head
-biases, each row-major. They are ``(P,)``, one policy in all lanes, or ``(P, LANES)``, a candidate in each.
+come packed (``CompiledPolicy.pack``): the core's matrix, whose rows are a unit's input weights, recurrent weights and
+bias, so that one product with (observation, hidden, 1) does it all; then the read-out's, likewise. They are ``(P,)``,
+one policy in all lanes, or ``(P, LANES)``, a candidate in each.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dpsearch.kernels.affine import affine
 from dpsearch.kernels.elementary import exp, log, sigmoid, sincos, tanh
 from dpsearch.kernels.lanes import FASTMATH, FORWARD_LANES, FORWARD_SHARED, LANES, SAMPLE, Compiled
+from dpsearch.kernels.matvec import matvec
 from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
 
 _FORWARD = [FORWARD_SHARED, FORWARD_LANES]
@@ -36,6 +37,7 @@ class CompiledPolicy:
         n_outputs: Rows of output.
         action_size: Rows of action.
         draws: Uniform numbers an action needs.
+        order: Where each packed weight stands in ``RecurrentPolicy.vector()``, ``(P,)``.
     """
 
     forward: Compiled
@@ -48,73 +50,69 @@ class CompiledPolicy:
     n_outputs: int
     action_size: int
     draws: int
+    order: NDArray[np.intp]
+
+    def pack(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Weights ``(.., P)`` of ``RecurrentPolicy.vector()``'s layout, in the order that ``forward`` reads them."""
+        return np.ascontiguousarray(weights[..., self.order])
 
 
 @njit(inline="always")
-def _read_out(sizes, weights, offset, features, one, output):  # type: ignore[no-untyped-def]
-    output[:] = 0.0
-    affine(weights, offset, sizes[2], sizes[1], features, output)
-    if sizes[3] == 1:
-        affine(weights, offset + sizes[2] * sizes[1], sizes[2], 1, one, output)
+def _stack(first, n_first, second, n_second, bias, stacked):  # type: ignore[no-untyped-def]
+    """(first, second, 1), or without the 1, and how many rows that is."""
+    for i in range(n_first):
+        for lane in range(LANES):
+            stacked[i, lane] = first[i, lane]
+    for i in range(n_second):
+        for lane in range(LANES):
+            stacked[n_first + i, lane] = second[i, lane]
+    for lane in range(LANES):
+        stacked[n_first + n_second, lane] = 1.0
+    return n_first + n_second + bias
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def lstm(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """``torch.nn.LSTM`` and a linear layer; ``hidden`` holds the outputs h above the cells c."""
-    inputs, n = sizes[0], sizes[1]
-    one, gates = scratch[:1], scratch[1:]
-    one[:] = 1.0
-    gates[:] = 0.0
-    affine(weights, 0, 4 * n, inputs, observation, gates)
-    affine(weights, 4 * n * inputs, 4 * n, n, hidden, gates)
-    offset = 4 * n * (inputs + n)
-    if sizes[3] == 1:
-        affine(weights, offset, 4 * n, 1, one, gates)
-        offset += 4 * n
+    inputs, n, outputs, bias = sizes
+    seen, gates = scratch[: inputs + n + 1], scratch[inputs + n + 1 :]
+    columns = _stack(observation, inputs, hidden, n, bias, seen)
+    matvec(weights, 0, 4 * n, columns, seen, gates)
     for j in range(n):
         for lane in range(LANES):  # gates in torch's order: input, forget, cell, output
             cell = sigmoid(gates[n + j, lane]) * hidden[n + j, lane]
             cell += sigmoid(gates[j, lane]) * tanh(gates[2 * n + j, lane])
             hidden[n + j, lane] = cell
             hidden[j, lane] = sigmoid(gates[3 * n + j, lane]) * tanh(cell)
-    _read_out(sizes, weights, offset, hidden, one, output)
+    columns = _stack(hidden, n, hidden, 0, bias, seen)
+    matvec(weights, 4 * n * (inputs + n + bias), outputs, columns, seen, output)
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def elman(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """``torch.nn.RNN`` with tanh and a linear layer."""
-    inputs, n = sizes[0], sizes[1]
-    one, net = scratch[:1], scratch[1:]
-    one[:] = 1.0
-    net[:] = 0.0
-    affine(weights, 0, n, inputs, observation, net)
-    affine(weights, n * inputs, n, n, hidden, net)
-    offset = n * (inputs + n)
-    if sizes[3] == 1:
-        affine(weights, offset, n, 1, one, net)
-        offset += n
+    inputs, n, outputs, bias = sizes
+    columns = _stack(observation, inputs, hidden, n, bias, scratch)
+    matvec(weights, 0, n, columns, scratch, hidden)
     for j in range(n):
         for lane in range(LANES):
-            hidden[j, lane] = tanh(net[j, lane])
-    _read_out(sizes, weights, offset, hidden, one, output)
+            hidden[j, lane] = tanh(hidden[j, lane])
+    columns = _stack(hidden, n, hidden, 0, bias, scratch)
+    matvec(weights, n * (inputs + n + bias), outputs, columns, scratch, output)
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def memoryless(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """One tanh layer and a linear layer: reacts to the present observation alone."""
-    inputs, n = sizes[0], sizes[1]
-    one, net = scratch[:1], scratch[1:]
-    one[:] = 1.0
-    net[:] = 0.0
-    affine(weights, 0, n, inputs, observation, net)
-    offset = n * inputs
-    if sizes[3] == 1:
-        affine(weights, offset, n, 1, one, net)
-        offset += n
+    inputs, n, outputs, bias = sizes
+    seen, units = scratch[: inputs + n + 1], scratch[inputs + n + 1 :]
+    columns = _stack(observation, inputs, observation, 0, bias, seen)
+    matvec(weights, 0, n, columns, seen, units)
     for j in range(n):
         for lane in range(LANES):
-            net[j, lane] = tanh(net[j, lane])
-    _read_out(sizes, weights, offset, net, one, output)
+            units[j, lane] = tanh(units[j, lane])
+    columns = _stack(units, n, units, 0, bias, seen)
+    matvec(weights, n * (inputs + bias), outputs, columns, seen, output)
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -179,14 +177,13 @@ def deterministic(sizes, noise, output, action):  # type: ignore[no-untyped-def]
             action[i, lane] = tanh(output[i, lane])
 
 
-def compiled_policy(
-    core: str, observation_size: int, hidden_size: int, head: Head, bias: bool
-) -> CompiledPolicy:
+def compiled_policy(core: str, observation_size: int, hidden_size: int, head: Head, bias: bool) -> CompiledPolicy:
     """The compiled twin of a ``RecurrentPolicy`` with these sizes."""
-    forward, hidden_rows, scratch_rows = {
-        "lstm": (lstm, 2 * hidden_size, 1 + 4 * hidden_size),
-        "rnn": (elman, hidden_size, 1 + hidden_size),
-        "none": (memoryless, 0, 1 + hidden_size),
+    n, inputs = hidden_size, observation_size
+    forward, units, recurrent, hidden_rows, work_rows = {
+        "lstm": (lstm, 4 * n, n, 2 * n, 4 * n),
+        "rnn": (elman, n, n, n, 0),
+        "none": (memoryless, n, 0, 0, n),
     }[core]
     match head:
         case Categorical():
@@ -201,11 +198,27 @@ def compiled_policy(
         forward=forward,
         sample=sample,
         mode=mode,
-        sizes=np.array([observation_size, hidden_size, head.n_outputs, bias], np.int64),
+        sizes=np.array([inputs, n, head.n_outputs, bias], np.int64),
         head_sizes=np.array(head_sizes, np.int64),
         hidden_rows=hidden_rows,
-        scratch_rows=scratch_rows,
+        scratch_rows=inputs + n + 1 + work_rows,
         n_outputs=head.n_outputs,
         action_size=head.action_size,
         draws=head.draws,
+        order=_order(
+            [(units, inputs), (units, recurrent), (units, int(bias))],
+            [(head.n_outputs, n), (head.n_outputs, int(bias))],
+        ),
     )
+
+
+def _order(*layers: list[tuple[int, int]]) -> NDArray[np.intp]:
+    """Positions in a flat vector of matrices of these shapes, read with each layer's matrices side by side."""
+    order, first = [], 0
+    for layer in layers:
+        blocks = []
+        for rows, columns in layer:
+            blocks.append(np.arange(first, first + rows * columns).reshape(rows, columns))
+            first += rows * columns
+        order.append(np.hstack(blocks).ravel())
+    return np.concatenate(order)

@@ -67,18 +67,20 @@ class Categorical(Head):
         self.action_size = len(self.sizes)
         self.draws = len(self.sizes)
 
+    def _log_softmax(self, outputs: Tensor) -> list[Tensor]:
+        """Log p of each group's choices, choices first: torch vectorises over all but a short last axis."""
+        choices_first = outputs.movedim(-1, 0).contiguous()
+        return [torch.log_softmax(logits, dim=0) for logits in choices_first.split(self.sizes)]
+
     @override
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        parts = [
-            torch.log_softmax(logits, dim=-1).gather(-1, actions[..., i : i + 1].long()).squeeze(-1)
-            for i, logits in enumerate(outputs.split(self.sizes, dim=-1))
-        ]
-        return parts[0] if len(parts) == 1 else torch.stack(parts).sum(0)
+        chosen = actions.movedim(-1, 0).long()
+        groups = enumerate(self._log_softmax(outputs))
+        return torch.stack([log_p.gather(0, chosen[i : i + 1]).squeeze(0) for i, log_p in groups]).sum(0)
 
     @override
     def entropy(self, outputs: Tensor) -> Tensor:
-        log_p = [torch.log_softmax(logits, dim=-1) for logits in outputs.split(self.sizes, dim=-1)]
-        return -sum(((p.exp() * p).sum(-1) for p in log_p), start=torch.zeros(()))
+        return -torch.stack([(log_p.exp() * log_p).sum(0) for log_p in self._log_softmax(outputs)]).sum(0)
 
     @override
     def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:

@@ -26,9 +26,7 @@ class PolicyRunner:
         ValueError: If ``num_envs`` is below 1.
     """
 
-    def __init__(
-        self, policy: RecurrentPolicy, num_envs: int = 1, *, seed: int = 0, greedy: bool = False
-    ) -> None:
+    def __init__(self, policy: RecurrentPolicy, num_envs: int = 1, *, seed: int = 0, greedy: bool = False) -> None:
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}")
         self.policy = policy

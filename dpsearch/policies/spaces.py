@@ -47,8 +47,7 @@ def head_for(space: gym.Space[Any], *, deterministic: bool = False) -> Head:
             size = int(np.prod(space.shape))
             return Deterministic(size) if deterministic else Gaussian(size)
     raise UnsupportedSpaceError(
-        f"action space {_one_line(space)} is not supported: Discrete, MultiDiscrete of one dimension, "
-        "and real Box are"
+        f"action space {_one_line(space)} is not supported: Discrete, MultiDiscrete of one dimension, and real Box are"
     )
 
 

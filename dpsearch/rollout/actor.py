@@ -31,6 +31,7 @@ class LaneActor:
         self, policy: RecurrentPolicy, weights: NDArray[np.float64], lanes: int, key: int, greedy: bool
     ) -> None:
         self._compiled = compiled = policy.compiled()
+        weights = compiled.pack(weights)
         self._choose = compiled.mode if greedy else compiled.sample
         self._key = np.uint64(key)
         blocks = -(-lanes // LANES)
@@ -70,9 +71,7 @@ class LaneActor:
         self._observation[:] = self._padded.reshape(len(self._observation), LANES, -1).swapaxes(1, 2)
         for b, observation in enumerate(self._observation):
             weights = self._weights if self._population is None else self._weights[b]
-            compiled.forward(
-                compiled.sizes, weights, observation, self._hidden[b], self._scratch, self._output
-            )
+            compiled.forward(compiled.sizes, weights, observation, self._hidden[b], self._scratch, self._output)
             draw(self._key, self._episode[b], self._time[b], ACTION, self._noise)
             self._choose(compiled.head_sizes, self._noise, self._output, self._action[b])
         self._time += 1

@@ -127,6 +127,7 @@ class CompiledRollouts:
         """Play the episodes of these numbers, with weights (P,) for all or each with its candidate's of (N, P)."""
         kernel, compiled = self.kernel, policy.compiled()
         check_fit(policy, kernel.observation_size, kernel.action_size)
+        weights = compiled.pack(weights)
         env_rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
         noise = 0 if greedy else noise_rows(compiled.draws)
         policy_rows = [compiled.hidden_rows, compiled.scratch_rows, compiled.n_outputs, noise]

@@ -157,9 +157,7 @@ class ScalarLanes(GymLanes):
         rewards = np.zeros(len(busy))
         terminated, truncated = np.zeros((2, len(busy)), np.bool_)
         for lane in np.flatnonzero(busy):
-            observation, rewards[lane], terminated[lane], truncated[lane], _ = self._envs[lane].step(
-                env_actions[lane]
-            )
+            observation, rewards[lane], terminated[lane], truncated[lane], _ = self._envs[lane].step(env_actions[lane])
             self._see(lane, observation)
         return LaneStep(rewards, terminated, truncated, busy)
 
@@ -269,14 +267,10 @@ def open_lanes(
         ValueError: If the environment is unknown, or an argument does not apply to it.
     """
     if vectorization not in ("sync", "async", "vector_entry_point"):
-        raise ValueError(
-            f"vectorization must be 'sync', 'async' or 'vector_entry_point', got {vectorization!r}"
-        )
+        raise ValueError(f"vectorization must be 'sync', 'async' or 'vector_entry_point', got {vectorization!r}")
     if isinstance(source, gym.Env | gym.vector.VectorEnv):
         if num_envs is not None or env_kwargs or vectorization != "sync":
-            raise ValueError(
-                "a ready environment takes neither num_envs, env_kwargs nor vectorization: give a factory"
-            )
+            raise ValueError("a ready environment takes neither num_envs, env_kwargs nor vectorization: give a factory")
         return ReadyLane(source) if isinstance(source, gym.Env) else VectorLanes(source)
     count = 32 if num_envs is None else num_envs
     if vectorization == "vector_entry_point":

@@ -48,9 +48,7 @@ def make_rollouts(
         probe = env_factory(env, env_kwargs, max_episode_steps)()
         lanes = _compiled(probe, threads, max_episode_steps)
         probe.close()
-    return lanes or VectorRollouts(
-        env, num_envs=num_envs, max_episode_steps=max_episode_steps, env_kwargs=env_kwargs
-    )
+    return lanes or VectorRollouts(env, num_envs=num_envs, max_episode_steps=max_episode_steps, env_kwargs=env_kwargs)
 
 
 def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None) -> CompiledRollouts | None:

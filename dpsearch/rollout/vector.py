@@ -181,9 +181,7 @@ class VectorRollouts:
             terminated[job[over]] = step.terminated[over]
             cut = played & ~over & (lengths[job] >= self.max_steps)
             if cut.any() and not lanes.restarts:
-                raise ValueError(
-                    f"the vector environment goes on after {self.max_steps} steps and cannot be cut off"
-                )
+                raise ValueError(f"the vector environment goes on after {self.max_steps} steps and cannot be cut off")
             for lane in np.flatnonzero(over | cut):
                 job[lane] = next(following[lane], _IDLE)
             fresh = (over | cut) & (job != _IDLE)

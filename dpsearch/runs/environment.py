@@ -45,9 +45,7 @@ class EnvRecipe:
             module, _, name = self.id.rpartition(":")
             if module:
                 import_module(module)
-            spec = gym.spec(
-                name
-            )  # kwargs in the spec, since gym.make would take max_episode_steps for itself
+            spec = gym.spec(name)  # kwargs in the spec, since gym.make would take max_episode_steps for itself
             spec = dataclasses.replace(spec, kwargs={**spec.kwargs, **self.kwargs})
             env = gym.make(spec, max_episode_steps=self.max_episode_steps, **extra)
             if self.observe_only is not None:

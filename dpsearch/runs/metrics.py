@@ -40,9 +40,7 @@ class MetricsFile:
         for update in range(updates):
             line = self._file.readline()
             if not line.endswith(b"\n"):
-                raise RunError(
-                    f"{self._file.name} ends at update {update}, before the checkpoint's {updates}"
-                )
+                raise RunError(f"{self._file.name} ends at update {update}, before the checkpoint's {updates}")
         self._file.truncate(self._file.tell())
         last: dict[str, float] = json.loads(line)
         return last

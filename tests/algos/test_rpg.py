@@ -19,9 +19,7 @@ HORIZON = 4  # steps of the small POMDP: all 2 * 4**4 histories can be listed
 
 def small_rpg(**settings) -> RPG:
     policy = PolicyConfig(hidden_size=3, init_range=0.7)
-    return RPG(
-        TMaze(corridor_length=1, max_episode_steps=HORIZON), policy=policy, **{"gamma": 1.0, **settings}
-    )
+    return RPG(TMaze(corridor_length=1, max_episode_steps=HORIZON), policy=policy, **{"gamma": 1.0, **settings})
 
 
 def histories() -> list[Episodes]:
@@ -138,9 +136,7 @@ def test_output_eligibilities_of_a_softmax_are_action_minus_probability():
     automatic = gradient_of(rpg, episodes)
     outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
     chosen = torch.nn.functional.one_hot(torch.from_numpy(episodes.actions[..., 0]).long(), 4)
-    eligibilities = (
-        (chosen - torch.softmax(outputs, -1)) * torch.from_numpy(returns * episodes.mask)[..., None] / 6
-    )
+    eligibilities = (chosen - torch.softmax(outputs, -1)) * torch.from_numpy(returns * episodes.mask)[..., None] / 6
     rpg.optimizer.zero_grad()
     outputs.backward(eligibilities.detach())  # section 3.4.2: a_i - p_i, backpropagated through time
     by_hand = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
@@ -149,9 +145,7 @@ def test_output_eligibilities_of_a_softmax_are_action_minus_probability():
 
 @pytest.mark.parametrize("variance_scaled", [False, True])
 def test_output_eligibilities_of_a_gaussian_are_those_of_section_3_4_1(variance_scaled):
-    rpg = RPG(
-        "Pendulum-v1", batch_size=2, variance_scaled=variance_scaled, policy=PolicyConfig(init_range=0.3)
-    )
+    rpg = RPG("Pendulum-v1", batch_size=2, variance_scaled=variance_scaled, policy=PolicyConfig(init_range=0.3))
     episodes = rpg.play_batch(2)
     weights = episodes.returns_to_go(rpg.config.gamma)
     automatic = gradient_of(rpg, episodes)
@@ -248,9 +242,7 @@ def test_a_setting_out_of_range_is_named(setting, value):
 
 def test_an_infinite_reward_stops_the_run_and_names_the_episode():
     rpg = small_rpg(batch_size=4)
-    rpg.rollouts.kernel.floats[:] = np.where(
-        rpg.rollouts.kernel.floats < 0, np.nan, rpg.rollouts.kernel.floats
-    )
+    rpg.rollouts.kernel.floats[:] = np.where(rpg.rollouts.kernel.floats < 0, np.nan, rpg.rollouts.kernel.floats)
     with pytest.raises(FloatingPointError, match="episode"):
         rpg.update()
 
@@ -268,9 +260,7 @@ def test_an_lstm_learns_what_no_memoryless_policy_can(seed):
 
 
 def test_without_memory_the_best_is_half_of_the_signs():
-    rpg = RPG(
-        "dpsearch/TMaze-v0", env_kwargs={"corridor_length": 5}, policy=PolicyConfig(core="none"), seed=0
-    )
+    rpg = RPG("dpsearch/TMaze-v0", env_kwargs={"corridor_length": 5}, policy=PolicyConfig(core="none"), seed=0)
     rpg.learn(total_updates=800, until_solved=True)
     assert not rpg.solved
     assert rpg.evaluate(2000).mean_return < BEST_WITHOUT_MEMORY + 0.3

@@ -14,9 +14,7 @@ def noisy_pomdp() -> TabularPOMDP:
     actions, states, symbols = 3, 6, 4
 
     def distributions(*shape: int) -> NDArray[np.float64]:
-        weights: NDArray[np.float64] = random.dirichlet(np.ones(shape[-1]), shape[:-1]) * (
-            random.random(shape) < 0.7
-        )
+        weights: NDArray[np.float64] = random.dirichlet(np.ones(shape[-1]), shape[:-1]) * (random.random(shape) < 0.7)
         weights[..., 0] += 0.05
         weights /= weights.sum(axis=-1, keepdims=True)
         return weights

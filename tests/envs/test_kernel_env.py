@@ -73,9 +73,7 @@ def random_actions(task: Task, steps: int, n: int) -> NDArray[Any]:
     random = np.random.default_rng(0)
     if isinstance(task.action_space, spaces.Discrete):
         return random.integers(task.action_space.n, size=(steps, n))
-    return random.normal(size=(steps, n, *task.action_space.shape)).astype(
-        np.float32
-    )  # also beyond the bounds
+    return random.normal(size=(steps, n, *task.action_space.shape)).astype(np.float32)  # also beyond the bounds
 
 
 def same(ours: Any, theirs: Any) -> bool:
@@ -84,9 +82,7 @@ def same(ours: Any, theirs: Any) -> bool:
 
 @pytest.mark.parametrize("n", [1, 16, 37])
 @pytest.mark.parametrize("mode", MODES)
-def test_a_vector_equals_scalar_environments_bit_for_bit(
-    make_task: TaskMaker, mode: AutoresetMode, n: int
-) -> None:
+def test_a_vector_equals_scalar_environments_bit_for_bit(make_task: TaskMaker, mode: AutoresetMode, n: int) -> None:
     task = make_task(9)
     ours = KernelVectorEnv(task, n, mode)
     theirs = SyncVectorEnv([lambda: KernelEnv(task)] * n, autoreset_mode=mode)

@@ -139,9 +139,7 @@ def test_a_kernel_survives_any_number_as_an_action(noisy_pomdp: TabularPOMDP) ->
     action = np.tile([np.nan, np.inf, -np.inf, 1e300, -7, 3, 2, 0], 2)[None].astype(np.float64)
     kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, over)
     nearest = np.zeros((2, LANES))
-    kernel.step(
-        kernel.floats, kernel.ints, noise, np.clip(np.nan_to_num(action), 0, 2), nearest, reward.copy(), over
-    )
+    kernel.step(kernel.floats, kernel.ints, noise, np.clip(np.nan_to_num(action), 0, 2), nearest, reward.copy(), over)
     assert (state[:, 3:8] == nearest[:, 3:8])[:, 1:].all()
     assert ((state[0] >= 0) & (state[0] < 6)).all()
 
@@ -236,9 +234,7 @@ def changed(name: str, index: tuple[int, ...], value: float) -> dict[str, Any]:
         ({"action_names": ("one",)}, "action_names must have 2 names or none, got 1"),
     ],
 )
-def test_a_model_that_makes_no_sense_is_refused_with_the_reason(
-    changes: dict[str, Any], message: str
-) -> None:
+def test_a_model_that_makes_no_sense_is_refused_with_the_reason(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         small(**changes)
 

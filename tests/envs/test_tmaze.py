@@ -118,9 +118,7 @@ def exact(pomdp: TabularPOMDP, policy: NDArray[np.float64], limit: int) -> tuple
     ("n", "mean_return", "steps"),
     [(3, 0.05, 32.00), (5, -2.15, 72.00), (7, -5.14970, 127.99152), (10, -11.08410, 240.48076)],
 )
-def test_the_exact_return_of_a_random_policy_is_the_known_one(
-    n: int, mean_return: float, steps: float
-) -> None:
+def test_the_exact_return_of_a_random_policy_is_the_known_one(n: int, mean_return: float, steps: float) -> None:
     result = exact(tmaze_pomdp(n), np.full((4, 4), 0.25), TMaze(n).max_episode_steps)
     assert result == pytest.approx((mean_return, steps), abs=6e-6)
 
@@ -128,9 +126,7 @@ def test_the_exact_return_of_a_random_policy_is_the_known_one(
 def test_no_policy_without_memory_gets_more_than_1_95() -> None:
     """All 256 deterministic ones, and some others: the junction looks the same after either sign."""
     pomdp, random = tmaze_pomdp(3), np.random.default_rng(0)
-    returns = [
-        exact(pomdp, np.eye(4)[list(policy)], 60)[0] for policy in itertools.product(range(4), repeat=4)
-    ]
+    returns = [exact(pomdp, np.eye(4)[list(policy)], 60)[0] for policy in itertools.product(range(4), repeat=4)]
     assert max(returns) == pytest.approx(1.95)
     near = np.array([[0, 1, 0, 0]] * 3 + [[0.5, 0, 0.5, 0]]) * 20 + 0.1
     others = [exact(pomdp, np.stack([random.dirichlet(row) for row in near]), 1000)[0] for _ in range(50)]
@@ -139,9 +135,7 @@ def test_no_policy_without_memory_gets_more_than_1_95() -> None:
 
 def test_playing_at_random_earns_what_is_expected() -> None:
     n = 4000
-    vector = gym.make_vec(
-        ID, num_envs=n, corridor_length=3, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP
-    )
+    vector = gym.make_vec(ID, num_envs=n, corridor_length=3, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP)
     vector.reset(seed=0)
     random, total, alive = np.random.default_rng(0), np.zeros(n), np.ones(n, np.bool_)
     for _ in range(1000):
@@ -226,9 +220,7 @@ def test_an_environment_can_be_made_again_from_its_spec() -> None:
 
 
 @pytest.mark.parametrize("render_mode", [None, "rgb_array", "human", "ansi"])
-def test_gymnasiums_checks_pass_in_every_render_mode(
-    render_mode: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_gymnasiums_checks_pass_in_every_render_mode(render_mode: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setitem(TMaze.metadata, "render_fps", 1000)
     check_env(gym.make(ID, render_mode=render_mode).unwrapped)

@@ -90,9 +90,7 @@ def test_components_that_do_not_exist_or_repeat_are_refused(indices: list[int]) 
         ObserveOnly(gym.make("CartPole-v1"), indices)
 
 
-@pytest.mark.parametrize(
-    "wrapper", [PreviousAction, PreviousReward, lambda env: ObserveOnly(env, indices=[0])]
-)
+@pytest.mark.parametrize("wrapper", [PreviousAction, PreviousReward, lambda env: ObserveOnly(env, indices=[0])])
 def test_observations_that_are_not_flat_are_refused(wrapper: Any) -> None:
     with pytest.raises(ValueError, match="observations must be flat"):
         wrapper(gym.make("FrozenLake-v1"))

@@ -24,6 +24,8 @@ def run_compiled(
 ) -> Iterator[NDArray[np.float64]]:
     """The outputs (LANES, n_outputs) at each step, for observations (T, LANES, O)."""
     compiled = policy.compiled()
+    packed = compiled.pack(weights.T).T if weights.ndim == 2 else compiled.pack(weights)
+    weights = np.ascontiguousarray(packed)
     hidden = np.zeros((compiled.hidden_rows, LANES))
     scratch = np.full((compiled.scratch_rows, LANES), np.nan)  # what it holds must not matter
     output = np.full((compiled.n_outputs, LANES), np.nan)
@@ -87,9 +89,7 @@ def test_shared_weights_and_lanes_with_equal_weights_agree_bit_for_bit(core: Cor
     np.testing.assert_array_equal(list(shared), list(lanes))
 
 
-def choose(
-    head: Head, outputs: NDArray[np.float64], uniforms: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def choose(head: Head, outputs: NDArray[np.float64], uniforms: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """Compiled actions (LANES, A); greedy if there are no uniform numbers."""
     compiled = compiled_policy("none", 1, 1, head, True)
     noise = np.full((noise_rows(compiled.draws), LANES), 0.5)

@@ -94,9 +94,7 @@ def test_a_bounded_box_is_reached_from_minus_one_to_one_and_clipped() -> None:
 
 def test_an_unbounded_box_takes_the_numbers_as_they_are() -> None:
     space = spaces.Box(np.array([-np.inf, 0.0], np.float32), np.array([np.inf, np.inf], np.float32))
-    np.testing.assert_array_equal(
-        to_env_actions(space, np.array([[7.0, 3.0], [-7.0, -3.0]])), [[7, 3], [-7, 0]]
-    )
+    np.testing.assert_array_equal(to_env_actions(space, np.array([[7.0, 3.0], [-7.0, -3.0]])), [[7, 3], [-7, 0]])
 
 
 def test_actions_have_the_shape_of_their_space() -> None:

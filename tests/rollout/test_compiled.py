@@ -194,7 +194,5 @@ print([record.data["dispatcher"].py_func.__name__ for _, record in recorder.buff
 
 def test_a_warm_start_compiles_nothing() -> None:
     for _ in range(2):
-        run = subprocess.run(
-            [sys.executable, "-c", WARM], cwd=ROOT, capture_output=True, text=True, check=True
-        )
+        run = subprocess.run([sys.executable, "-c", WARM], cwd=ROOT, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"

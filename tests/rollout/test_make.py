@@ -15,9 +15,7 @@ TMAZE = "dpsearch/TMaze-v0"
 
 
 def returns(rollouts: Rollouts) -> list[float]:
-    policy = RecurrentPolicy.for_spaces(
-        rollouts.observation_space, rollouts.action_space, PolicyConfig(init_range=0.5)
-    )
+    policy = RecurrentPolicy.for_spaces(rollouts.observation_space, rollouts.action_space, PolicyConfig(init_range=0.5))
     try:
         return [float(total) for total in rollouts.collect(policy, 12, key=9).returns]
     finally:
@@ -62,9 +60,7 @@ def test_arguments_reach_the_environment() -> None:
 @pytest.mark.parametrize("env", [TMAZE, TMaze, TMaze(), TimeLimit(TMaze(), 30)])
 def test_the_smallest_step_limit_holds(env: Any) -> None:
     assert make_rollouts(env, max_episode_steps=20).max_steps == 20
-    assert make_rollouts(env, max_episode_steps=5000).max_steps == (
-        30 if isinstance(env, TimeLimit) else 1000
-    )
+    assert make_rollouts(env, max_episode_steps=5000).max_steps == (30 if isinstance(env, TimeLimit) else 1000)
 
 
 @pytest.mark.parametrize("env", [ClipReward(TMaze(), 0, 1), lambda: ClipReward(TMaze(), 0, 1)])
@@ -98,9 +94,7 @@ def test_a_probe_is_closed_but_what_came_ready_is_not() -> None:
     assert not ready.closed
 
 
-@pytest.mark.parametrize(
-    "env_id", ["CartPol-v1", "CartPole-v9", "dpsearch/Nope-v0", "no_such_module:Env-v0", "Nope"]
-)
+@pytest.mark.parametrize("env_id", ["CartPol-v1", "CartPole-v9", "dpsearch/Nope-v0", "no_such_module:Env-v0", "Nope"])
 def test_an_unknown_id_is_refused_in_one_line(env_id: str) -> None:
     with pytest.raises(ValueError, match=rf"^cannot make environment '{env_id}': .+$"):
         make_rollouts(env_id)

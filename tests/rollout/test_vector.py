@@ -112,9 +112,7 @@ def test_a_lane_of_a_vector_environment_does_not_depend_on_the_others() -> None:
 
 
 def test_a_vector_environment_that_is_not_reset_is_refused_in_one_line() -> None:
-    with pytest.raises(
-        ValueError, match=r"^autoreset mode .*DISABLED is not supported: NEXT_STEP and SAME_STEP are$"
-    ):
+    with pytest.raises(ValueError, match=r"^autoreset mode .*DISABLED is not supported: NEXT_STEP and SAME_STEP are$"):
         rollouts(vector_env(AutoresetMode.DISABLED, 2), None)
 
 
@@ -294,9 +292,7 @@ def test_an_observation_that_is_not_a_number_is_named_and_the_environments_close
         made.append(Broken("nan"))
         return made[-1]
 
-    with pytest.raises(
-        FloatingPointError, match=r"^the observation at step 3 of episode \d+, lane \d, is not finite$"
-    ):
+    with pytest.raises(FloatingPointError, match=r"^the observation at step 3 of episode \d+, lane \d, is not finite$"):
         play(rollouts(make, num_envs))
     assert len(made) == num_envs
     assert all(env.closed for env in made)
@@ -347,9 +343,7 @@ def test_what_came_ready_is_left_open() -> None:
         ({"observed": spaces.Sequence(spaces.Discrete(2))}, "observation"),
     ],
 )
-def test_an_unsupported_space_is_refused_before_anything_is_played(
-    options: dict[str, Any], kind: str
-) -> None:
+def test_an_unsupported_space_is_refused_before_anything_is_played(options: dict[str, Any], kind: str) -> None:
     made: list[Countdown] = []
 
     def make() -> Countdown:

@@ -18,9 +18,7 @@ class Countdown(gym.Env[Any, Any]):
 
     metadata: dict[str, Any] = {"render_modes": []}
 
-    def __init__(
-        self, action_space: gym.Space[Any] | None = None, observed: gym.Space[Any] | None = None
-    ) -> None:
+    def __init__(self, action_space: gym.Space[Any] | None = None, observed: gym.Space[Any] | None = None) -> None:
         count = spaces.Box(0.0, LONG, (1,))
         self.observation_space = count if observed is None else spaces.Dict(count=count, noise=observed)
         self.action_space = action_space or spaces.Discrete(2)
@@ -32,9 +30,7 @@ class Countdown(gym.Env[Any, Any]):
         count = np.array([self.left], np.float32)
         return count if self.observed is None else {"count": count, "noise": self.observed.sample()}
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
         if self.observed is not None and seed is not None:
             self.observed.seed(seed)

@@ -1,0 +1,156 @@
+"""The application that says what a trained policy achieves, and shows it: ``dpsearch-evaluate RUN --render``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import torch
+
+from dpsearch.algos import Evaluation
+from dpsearch.algos.base import EVALUATION
+from dpsearch.algos.checkpoint import CheckpointError
+from dpsearch.kernels.philox import episode_seeds, stream_key
+from dpsearch.policies import PolicyRunner, RecurrentPolicy
+from dpsearch.runs import EnvRecipe, RunDirectory, RunError, load_policy
+from dpsearch.runs.playback import Film, Gif, Video, play_episode
+
+EPISODES, WATCHED_EPISODES = 100, 3  # unless told otherwise
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Evaluate what the command line names."""
+    options = _parser().parse_args(arguments)
+    torch.set_num_threads(1)
+    try:
+        policy, recipe = load_policy(RunDirectory(options.run).policy if options.run.is_dir() else options.run)
+        watched = options.render or options.video or options.gif
+        evaluation = watch(policy, recipe, options) if watched else measure(policy, recipe, options)
+    except (RunError, CheckpointError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    print(_report(evaluation, greedy=options.greedy))
+    if film := options.video or options.gif:
+        print(f"written to {film}")
+
+
+def measure(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespace) -> Evaluation:
+    """Play without looking, which is fast.
+
+    Raises:
+        RunError: If the environment cannot be played.
+    """
+    with closing(recipe.rollouts()) as rollouts:
+        episodes = rollouts.collect(
+            policy,
+            options.episodes or EPISODES,
+            key=stream_key(options.seed, EVALUATION),
+            greedy=options.greedy,
+            record=False,
+        )
+    return Evaluation(episodes.returns, episodes.lengths)
+
+
+def watch(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespace) -> Evaluation:
+    """Play in a window, or for a film.
+
+    Raises:
+        RunError: If the environment cannot be drawn, or the film cannot be written.
+    """
+    mode = "human" if options.render else "rgb_array"
+    with closing(recipe.make()) as env:
+        modes = env.metadata["render_modes"]
+    if not {mode, "rgb_array"} & set(modes):  # Gymnasium can show in a window what is drawn as an array
+        raise RunError(f"environment {recipe.id!r} cannot be drawn: its render modes are {modes}")
+    no_window: type[Exception] = gym.error.DependencyNotInstalled
+    if options.render:
+        try:
+            import pygame
+        except ImportError as error:
+            raise RunError("a window needs pygame: pip install pygame") from error
+        no_window = pygame.error
+    try:
+        return _play(policy, recipe, options, mode)
+    except (gym.error.DependencyNotInstalled, no_window) as error:
+        raise RunError(f"environment {recipe.id!r} cannot be drawn: {error}") from error
+
+
+def _play(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespace, mode: str) -> Evaluation:
+    count = options.episodes or WATCHED_EPISODES
+    seeds = episode_seeds(stream_key(options.seed, EVALUATION), np.arange(count, dtype=np.uint64))
+    runner = PolicyRunner(policy, seed=options.seed, greedy=options.greedy)
+    played = []
+    with closing(recipe.make(mode)) as env:
+        film = _film(options, env.metadata.get("render_fps", 30))
+        for number, seed in enumerate(seeds, 1):
+            played.append(play_episode(env, runner, int(seed), film))
+            print(f"episode {number}: return {played[-1][0]:.4g}, {played[-1][1]} steps")
+        if film is not None:
+            film.close()
+    returns, lengths = zip(*played, strict=True)
+    return Evaluation(np.array(returns), np.array(lengths))
+
+
+def _film(options: argparse.Namespace, frames_per_second: float) -> Film | None:
+    if options.gif:
+        return Gif(options.gif, frames_per_second)
+    return Video(options.video, frames_per_second) if options.video else None
+
+
+def _report(evaluation: Evaluation, *, greedy: bool) -> str:
+    returns, lengths = evaluation.returns, evaluation.lengths
+    error = f" ± {evaluation.standard_error:.2g}" if len(returns) > 1 else ""
+    return "\n".join(
+        [
+            f"{len(returns)} episodes of the {'greedy' if greedy else 'stochastic'} policy",
+            f"return: mean {evaluation.mean_return:.4g}{error}, median {np.median(returns):.4g}, "
+            f"from {returns.min():.4g} to {returns.max():.4g}",
+            f"length: mean {evaluation.mean_length:.4g}, median {np.median(lengths):.4g}, "
+            f"from {lengths.min()} to {lengths.max()}",
+        ]
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="dpsearch-evaluate", description="Say what a trained policy achieves, and show it."
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="directory of a run, or a policy.pt")
+    parser.add_argument(
+        "--episodes",
+        type=_positive,
+        metavar="N",
+        help=f"episodes to play ({EPISODES}; {WATCHED_EPISODES} to watch)",
+    )
+    parser.add_argument("--greedy", action="store_true", help="the most probable actions, not sampled ones")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="K", help="of everything random (0)")
+    show = parser.add_mutually_exclusive_group()
+    show.add_argument("--render", action="store_true", help="watch in a window")
+    show.add_argument("--video", type=Path, metavar="FILE", help="make a video, such as policy.mp4")
+    show.add_argument("--gif", type=Path, metavar="FILE", help="make an animated GIF")
+    return parser
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, got {number}")
+    return number
+
+
+def _seed(text: str) -> int:
+    number = int(text)
+    if not 0 <= number < 2**64:
+        raise argparse.ArgumentTypeError(f"must be in [0, 2**64), got {number}")
+    return number
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,6 @@
+"""What comes out of many runs: statistics, tables and figures."""
+
+from dpsearch.report.statistics import bootstrap_interval, success_interval
+from dpsearch.report.tables import Row, Section, Table
+
+__all__ = ["Row", "Section", "Table", "bootstrap_interval", "success_interval"]

@@ -1,0 +1,219 @@
+"""Tables of results: one row for each task, method and metric, written as JSON for machines and Markdown for people.
+
+A row is *measured* here, over a number of runs, or *reported* by somebody else; a reported row has no ``runs``, and
+only those numbers that were given.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from dpsearch.report.statistics import Statistic, bootstrap_interval, success_interval
+
+SUCCESS_RATE = "success_rate"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One metric of one method on one task.
+
+    Attributes:
+        task: What had to be learned.
+        method: What learned it.
+        network: Its architecture.
+        metric: What the numbers count.
+        runs: Runs behind the numbers; None if they are reported by others.
+        solved: Runs that succeeded. Numbers other than the success rate are over these, as in the thesis.
+        mean: Of the runs.
+        std: Standard deviation, of a sample.
+        median: Of the runs.
+        ci_low: Lower end of the 95% interval; of a reported row, of the range that is given.
+        ci_high: Upper end.
+        thesis: The thesis's number.
+    """
+
+    task: str
+    method: str
+    network: str
+    metric: str
+    runs: int | None = None
+    solved: int | None = None
+    mean: float | None = None
+    std: float | None = None
+    median: float | None = None
+    ci_low: float | None = None
+    ci_high: float | None = None
+    thesis: float | None = None
+
+    def with_values(self, values: Sequence[float], statistic: Statistic) -> Self:
+        """This row with what one value for each run that succeeded comes to; the interval is of the statistic."""
+        low, high = bootstrap_interval(values, statistic) or (None, None)
+        return replace(
+            self,
+            solved=len(values),
+            mean=float(np.mean(values)) if values else None,
+            std=float(np.std(values, ddof=1)) if len(values) > 1 else None,
+            median=float(np.median(values)) if values else None,
+            ci_low=low,
+            ci_high=high,
+        )
+
+    def with_successes(self, solved: int) -> Self:
+        """This row with the rate of success of its runs."""
+        assert self.runs is not None
+        low, high = success_interval(solved, self.runs)
+        return replace(self, solved=solved, mean=solved / self.runs, ci_low=low, ci_high=high)
+
+    def with_report(self, low: float, high: float | None) -> Self:
+        """This row with what others report: a range, or one number twice, or, if ``high`` is None, no success by low."""
+        if high is None:
+            return replace(self, solved=0, ci_low=low)
+        if low == high:
+            return replace(self, median=low)
+        return replace(self, ci_low=low, ci_high=high)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Rows that stand together.
+
+    Attributes:
+        heading: Their heading.
+        rows: The rows; those of one task, method and network share a line of the table.
+    """
+
+    heading: str
+    rows: Sequence[Row]
+
+
+@dataclass(frozen=True)
+class Table:
+    """The results of one experiment.
+
+    Attributes:
+        name: Its name, and the stem of its files' names.
+        title: One line.
+        text: What the numbers are.
+        command: What computes them again.
+        versions: Of all that they depend on.
+        machine: What core-seconds are seconds of.
+        words: For each metric, the heading of its column, in the order of the columns.
+        statistic: What the intervals are of.
+        sections: The rows.
+    """
+
+    name: str
+    title: str
+    text: str
+    command: str
+    versions: dict[str, str]
+    machine: str
+    words: dict[str, str]
+    statistic: Statistic
+    sections: Sequence[Section]
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows of all sections."""
+        return [row for section in self.sections for row in section.rows]
+
+    def json(self) -> str:
+        """The results for machines."""
+        content = {
+            "name": self.name,
+            "command": self.command,
+            "versions": self.versions,
+            "machine": self.machine,
+            "interval": f"95%, of the {self.statistic}",
+            "rows": [asdict(row) for row in self.rows],
+        }
+        return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+    def markdown(self) -> str:
+        """The results for people."""
+        versions = ", ".join(f"{name} {version}" for name, version in self.versions.items())
+        sections = [f"## {section.heading}\n\n{self._lines(section.rows)}" for section in self.sections]
+        parts = [
+            f"# {self.title}",
+            f"![{self.title}]({self.name}.png)",
+            self.text,
+            *sections,
+            f"```bash\n{self.command}\n```",
+            f"{self.machine}; {versions}.",
+        ]
+        return "\n\n".join(parts) + "\n"
+
+    def write(self, folder: Path) -> None:
+        """Write ``name.json`` and ``name.md``, each whole or not at all."""
+        for suffix, text in (("json", self.json()), ("md", self.markdown())):
+            beside = folder / f".{self.name}.{suffix}.part"
+            beside.write_text(text)
+            os.replace(beside, folder / f"{self.name}.{suffix}")
+
+    def _lines(self, rows: Sequence[Row]) -> str:
+        """Rows as Markdown, with a column for each metric, and one for the thesis's numbers where it has any."""
+        lines: dict[tuple[str, str, str], dict[str, Row]] = {}
+        for row in rows:
+            lines.setdefault((row.task, row.method, row.network), {})[row.metric] = row
+        columns: list[tuple[str, str, Callable[[Row, Statistic], str]]] = []
+        for metric, heading in self.words.items():
+            own = [row for row in rows if row.metric == metric]
+            if own:
+                columns.append((heading, metric, _value))
+            if any(row.thesis is not None for row in own):
+                columns.append(("thesis", metric, _thesis))
+        head = ["task", "method", "network", *(heading for heading, _, _ in columns)]
+        ruler = ["---", "---", "---", *("---:" for _ in columns)]
+        body = [
+            [*names, *(cell(line[metric], self.statistic) if metric in line else "" for _, metric, cell in columns)]
+            for names, line in lines.items()
+        ]
+        return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, ruler, *body))
+
+
+def number(value: float) -> str:
+    """A number with three significant digits, in full: 105,000 or 9.81."""
+    return f"{float(f'{value:.3g}'):,.12g}"
+
+
+def percent(rate: float) -> str:
+    """A rate between 0 and 1, in percent."""
+    return f"{number(100 * rate)}%"
+
+
+def _thesis(row: Row, _: Statistic) -> str:
+    return "" if row.thesis is None else _words(row)(row.thesis)
+
+
+def _value(row: Row, statistic: Statistic) -> str:
+    if row.runs is None:
+        return _reported(row)
+    show = _words(row)
+    interval = "" if row.ci_low is None or row.ci_high is None else f" [{show(row.ci_low)}, {show(row.ci_high)}]"
+    if row.metric == SUCCESS_RATE:
+        return f"{row.solved} of {row.runs}{interval}"
+    centre = row.median if statistic == "median" else row.mean
+    if centre is None:
+        return "–"
+    spread = f" ± {show(row.std)}" if statistic == "mean" and row.std is not None else ""
+    return f"{show(centre)}{spread}{interval}"
+
+
+def _reported(row: Row) -> str:
+    show = _words(row)
+    if row.median is not None:
+        return f"*{show(row.median)}*"
+    if row.ci_low is None:
+        return ""
+    return f"*> {show(row.ci_low)}*" if row.ci_high is None else f"*{show(row.ci_low)} to {show(row.ci_high)}*"
+
+
+def _words(row: Row) -> Callable[[float], str]:
+    return percent if row.metric == SUCCESS_RATE else number

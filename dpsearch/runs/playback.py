@@ -1,0 +1,139 @@
+"""Watching a policy: in a window, as an animated GIF, or as a video."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from dpsearch.policies import PolicyRunner
+from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions
+from dpsearch.runs.errors import RunError
+
+Frame = NDArray[np.uint8]
+LAST_FRAME_SECONDS = 1.0  # how long an episode's end stays in sight
+
+
+class Film(Protocol):
+    """A file that frames are added to."""
+
+    frames_per_second: float
+
+    def add(self, frame: Frame) -> None:
+        """Append a frame ``(height, width, 3)``."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+
+def play_episode(
+    env: gym.Env[Any, Any], runner: PolicyRunner, seed: int, film: Film | None = None
+) -> tuple[float, int]:
+    """Play one episode; returns its return and its number of steps.
+
+    Args:
+        env: Where. If it is to be filmed, its render mode is "rgb_array".
+        runner: Who acts.
+        seed: What the environment is reset with.
+        film: Takes a frame of the start and of every step, and more of the end.
+    """
+    observation, _ = env.reset(seed=seed)
+    runner.reset()
+    _shoot(env, film)
+    total, steps, over = 0.0, 0, False
+    while not over:
+        flat = flatten_observations(env.observation_space, batch_one(env.observation_space, observation))
+        action = to_env_actions(env.action_space, runner.act(flat))[0]
+        observation, reward, terminated, truncated, _ = env.step(action)
+        total += float(reward)
+        steps += 1
+        over = terminated or truncated
+        _shoot(env, film)
+    if film is not None:
+        _shoot(env, film, round(LAST_FRAME_SECONDS * film.frames_per_second))
+    return total, steps
+
+
+def _shoot(env: gym.Env[Any, Any], film: Film | None, times: int = 1) -> None:
+    if film is not None:
+        frame: Any = env.render()
+        for _ in range(times):
+            film.add(frame)
+
+
+class Gif:
+    """An animated GIF.
+
+    Args:
+        path: The file.
+        frames_per_second: How fast; viewers go no faster than 50.
+
+    Raises:
+        RunError: If the file cannot be written.
+    """
+
+    def __init__(self, path: Path, frames_per_second: float) -> None:
+        self._path = path
+        self.frames_per_second = min(frames_per_second, 50.0)
+        self._frames: list[Image.Image] = []
+        _claim(path)
+
+    def add(self, frame: Frame) -> None:
+        """Append a frame, in 256 colours."""
+        image = Image.fromarray(frame)
+        self._frames.append(image.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE))
+
+    def close(self) -> None:
+        """Write the file."""
+        first, *rest = self._frames
+        milliseconds = round(1000 / self.frames_per_second)
+        first.save(self._path, "GIF", save_all=True, append_images=rest, duration=milliseconds, loop=0)
+
+
+class Video:
+    """A video, in the format that the file's name says.
+
+    Args:
+        path: The file.
+        frames_per_second: How fast.
+
+    Raises:
+        RunError: If the file cannot be written, or imageio or ffmpeg is missing or knows no such format.
+    """
+
+    def __init__(self, path: Path, frames_per_second: float) -> None:
+        if find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None:
+            raise RunError('videos need imageio and ffmpeg: pip install "imageio[ffmpeg]"')
+        import imageio.v2 as imageio
+
+        self.frames_per_second = frames_per_second
+        # sizes are rounded up to even numbers, which is all that the usual codec asks for
+        options = {"format": "FFMPEG", "fps": frames_per_second, "macro_block_size": 2}
+        try:
+            self._writer = imageio.get_writer(path, **options)  # type: ignore[arg-type]
+        except RuntimeError as error:
+            raise RunError(f"there is no video format for {path}: try a name that ends in .mp4") from error
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {error.strerror or error}") from error
+        _claim(path)
+
+    def add(self, frame: Frame) -> None:
+        """Append a frame."""
+        self._writer.append_data(frame)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._writer.close()
+
+
+def _claim(path: Path) -> None:
+    """Find out now, rather than after the last episode, whether a file can be written."""
+    try:
+        path.touch()
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {error.strerror}") from error

@@ -1,0 +1,1 @@
+"""Programs: tables and figures of the thesis, and benchmarks."""

@@ -1,0 +1,140 @@
+"""One run, made the way ``train.py`` would, and what counts as its success."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from time import process_time
+from typing import Any
+
+import hydra
+import numpy as np
+from omegaconf import open_dict
+
+from dpsearch import config as schema
+from dpsearch.algos import ALGORITHMS, Algorithm
+from dpsearch.policies import RecurrentPolicy
+from dpsearch.rollout import Episodes, Rollouts
+from scripts.experiments.jobs import Outcome
+
+GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A composed configuration.
+
+    Attributes:
+        algo: Name of the algorithm.
+        config: Everything else.
+    """
+
+    algo: str
+    config: schema.TrainConfig
+
+    def fingerprint(self) -> str:
+        """Tells settings apart by all that an outcome depends on, the seed aside."""
+        config = self.config
+        parts = {
+            "algo": [self.algo, asdict(config.algo)],
+            "env": asdict(config.env),
+            "policy": asdict(config.policy),
+            "limits": [config.total_steps, config.total_episodes, config.total_updates],
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+    @property
+    def network(self) -> str:
+        """The policy's architecture, in words."""
+        policy = self.config.policy
+        cores = {"lstm": "LSTM, {} cells", "rnn": "Elman, {} units", "none": "no memory, {} units"}
+        return cores[policy.core].format(policy.hidden_size)
+
+    def rollouts(self) -> Rollouts:
+        """What plays the environment."""
+        return self.config.env.recipe().rollouts(num_envs=self.config.rollout.num_envs)
+
+    def algorithm(self, rollouts: Rollouts, seed: int) -> Algorithm[Any]:
+        """The algorithm at its start."""
+        return ALGORITHMS[self.algo](rollouts, self.config.algo, policy=self.config.policy, seed=seed)
+
+    def limits(self) -> dict[str, int | None]:
+        """What ends a run that does not succeed."""
+        config = self.config
+        return {name: getattr(config, name) for name in ("total_steps", "total_episodes", "total_updates")}
+
+
+def compose(overrides: Sequence[str]) -> Settings:
+    """The configuration that ``train.py`` would have with the same overrides."""
+    schema.register()
+    with hydra.initialize_config_module("dpsearch.configs", version_base="1.3"):
+        config = hydra.compose("train", list(overrides), return_hydra_config=True)
+    choices = dict(config.hydra.runtime.choices)
+    with open_dict(config):
+        del config["hydra"]
+    return Settings(choices["algo"], schema.checked(config, choices))
+
+
+def until_solved(overrides: tuple[str, ...], seed: int) -> Outcome:
+    """Learn until 100 evaluation episodes of the stochastic policy reach the environment's reward threshold."""
+    settings = compose(overrides)
+    algorithm = settings.algorithm(settings.rollouts(), seed)
+    return _learn(algorithm, lambda: algorithm.solved, until_solved=True, **settings.limits())
+
+
+def until_goals(overrides: tuple[str, ...], seed: int) -> Outcome:
+    """Learn until 95 of the last 100 training episodes ended with a reward, not with a penalty or the step cap."""
+    settings = compose(overrides)
+    rollouts = GoalCounter(settings.rollouts())
+    algorithm = settings.algorithm(rollouts, seed)
+    return _learn(algorithm, lambda: rollouts.succeeds, callback=lambda *_: not rollouts.succeeds, **settings.limits())
+
+
+def _learn(algorithm: Algorithm[Any], solved: Callable[[], bool], **until: Any) -> Outcome:
+    algorithm.evaluate(1)  # loads the compiled code, or compiles it: that is no part of learning
+    start = process_time()
+    with suppress(FloatingPointError):  # it diverged, and has not succeeded
+        algorithm.learn(**until)
+    return {
+        "solved": int(solved()),
+        "env_steps": algorithm.env_steps,
+        "episodes": algorithm.episodes,
+        "updates": algorithm.updates,
+        "core_seconds": process_time() - start,
+    }
+
+
+class GoalCounter:
+    """Rollouts that remember of the last training episodes whether they ended at the goal: with a reward above 0.
+
+    Args:
+        rollouts: What plays them.
+    """
+
+    def __init__(self, rollouts: Rollouts) -> None:
+        self._rollouts = rollouts
+        self._goals: deque[bool] = deque(maxlen=EPISODES)
+        self.observation_space = rollouts.observation_space
+        self.action_space = rollouts.action_space
+        self.observation_size = rollouts.observation_size
+        self.max_steps = rollouts.max_steps
+        self.reward_threshold = rollouts.reward_threshold
+        self.evaluate = rollouts.evaluate
+        self.close = rollouts.close
+
+    @property
+    def succeeds(self) -> bool:
+        """Whether enough of the last hundred training episodes ended at the goal."""
+        return len(self._goals) == EPISODES and sum(self._goals) >= GOALS
+
+    def collect(self, policy: RecurrentPolicy, n_episodes: int, *, record: bool = True, **options: Any) -> Episodes:
+        """Play whole episodes; those that are recorded are training."""
+        episodes = self._rollouts.collect(policy, n_episodes, record=record, **options)
+        if record:
+            final = episodes.rewards[episodes.lengths - 1, np.arange(n_episodes)]
+            self._goals.extend((episodes.terminated & (final > 0.0)).tolist())
+        return episodes

@@ -1,0 +1,122 @@
+"""Computes a table or figure again: ``python scripts/reproduce.py fig_3_4 --jobs 8``.
+
+The results go to ``docs/results/NAME.json``, ``.md`` and ``.png``. Every run that is finished is noted in
+``NAME.runs.jsonl`` at once and never made again, so the same command goes on where an earlier one was interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+from tqdm import tqdm
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python itself looks into scripts/ only
+
+from dpsearch.algos.checkpoint import versions
+from dpsearch.report.provenance import command, machine
+from dpsearch.report.tables import Table
+from dpsearch.runs import RunError
+from scripts.experiments import EXPERIMENTS
+from scripts.experiments.experiment import Experiment
+from scripts.experiments.jobs import Job, Outcome, RunLog, run_all
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the runs that are missing, and write what all of them come to."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    args = _parser().parse_args(arguments)
+    log = RunLog(args.out / f"{args.name}.runs.jsonl")
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        table = reproduce(EXPERIMENTS[args.name], args, log, command("scripts/reproduce.py", arguments))
+    except KeyboardInterrupt:
+        print(f"interrupted; {log.path} has what is done, and the same command goes on", file=sys.stderr)
+        sys.exit(130)
+    except BrokenProcessPool:
+        sys.exit(f"error: a process was killed, perhaps for want of memory; {log.path} has what is done")
+    except (OSError, RunError) as error:
+        sys.exit(f"error: {error}")
+    print(table.markdown())
+
+
+def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) -> Table:
+    """The table, once all runs are made and the files are written.
+
+    Args:
+        experiment: What to reproduce.
+        args: How: the command line.
+        log: The runs that are done.
+        how: The command line, in words.
+    """
+    cells = experiment.cells(args)
+    seeds = range(args.seed, args.seed + args.runs)
+    jobs = [cell.jobs(experiment.run, seeds) for cell in cells]
+    outcomes = make_runs([job for same_seed in zip(*jobs, strict=True) for job in same_seed], log, args.jobs)
+    rows = [
+        row
+        for cell, own in zip(cells, jobs, strict=True)
+        for row in cell.rows([outcomes[job] for job in own], experiment.metrics, experiment.statistic)
+    ]
+    table = Table(
+        name=experiment.name,
+        title=experiment.title,
+        text=experiment.text,
+        command=how,
+        versions=versions(),
+        machine=machine(),
+        words=experiment.words,
+        statistic=experiment.statistic,
+        sections=experiment.sections(args, rows),
+    )
+    table.write(args.out)
+    experiment.draw(args, table.rows, args.out / f"{experiment.name}.png")
+    return table
+
+
+def make_runs(jobs: Sequence[Job], log: RunLog, processes: int) -> dict[Job, Outcome]:
+    """The outcomes of all jobs: those in the log, and those that are made now and noted there."""
+    outcomes = log.find(jobs)
+    missing = [job for job in jobs if job not in outcomes]
+    terminal = sys.stderr.isatty()
+    bar = tqdm(total=len(jobs), initial=len(outcomes), unit=" runs", mininterval=0.1 if terminal else 30.0)
+    with bar:
+        for job, outcome in run_all(missing, min(processes, max(len(missing), 1))):
+            log.add(job, outcome)
+            outcomes[job] = outcome
+            bar.set_postfix_str(
+                f"{job.task}, {job.method}: {'solved' if outcome['solved'] else 'failed'}", refresh=False
+            )
+            bar.update()
+    return outcomes
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(prog="reproduce.py", description=__doc__)
+    names = parser.add_subparsers(dest="name", required=True, metavar="NAME")
+    for name, experiment in EXPERIMENTS.items():
+        own = names.add_parser(name, help=experiment.title, description=experiment.title)
+        experiment.add_options(own)
+        own.add_argument(
+            "--runs", type=_positive, default=experiment.runs, help="runs of each cell; default: %(default)s"
+        )
+        own.add_argument("--jobs", type=_positive, default=os.cpu_count() or 1, help="processes; default: one a core")
+        own.add_argument("--seed", type=int, default=0, help="the first run's seed, and so on; default: %(default)s")
+        own.add_argument("--out", type=Path, default=Path("docs/results"), help="folder; default: %(default)s")
+    return parser
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
+    return int(text)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # kill ends it as Ctrl-C does
+    main()

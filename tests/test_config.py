@@ -1,0 +1,67 @@
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_module
+from omegaconf import DictConfig
+
+import dpsearch.train  # noqa: F401  # registers the schemas
+from dpsearch.algos import RPGConfig
+from dpsearch.config import ALGOS, ENVS, TrainConfig, checked
+from dpsearch.policies import PolicyConfig
+from dpsearch.runs import EnvRecipe, RunError
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+
+def composed(*overrides: str) -> TrainConfig:
+    with initialize_config_module("dpsearch.configs", version_base="1.3"):
+        config = compose("train", overrides=list(overrides), return_hydra_config=True)
+        choices = dict(config.hydra.runtime.choices)
+        assert isinstance(config, DictConfig)
+        return checked(DictConfig({key: config[key] for key in config if key != "hydra"}), choices)
+
+
+def test_the_default_is_the_thesis_s_way_to_learn_the_tmaze() -> None:
+    config = composed()
+    assert config.algo == RPGConfig()
+    assert config.policy == PolicyConfig()
+    kwargs = {"corridor_length": 10, "encoding": "bits", "max_episode_steps": None}
+    assert config.env.recipe() == EnvRecipe("dpsearch.envs:dpsearch/TMaze-v0", kwargs)
+
+
+def test_algorithms_take_the_discount_factor_of_the_task() -> None:
+    assert composed("env.gamma=0.5").algo.gamma == 0.5
+    assert composed("env.gamma=0.5", "algo.gamma=0.6").algo.gamma == 0.6
+
+
+def test_any_gymnasium_environment_is_described_by_its_arguments() -> None:
+    config = composed(
+        "env=gym",
+        "env.id=CartPole-v1",
+        "env.kwargs.sutton_barto_reward=true",
+        "env.observe_only=[0,2]",
+        "env.max_episode_steps=50",
+        "env.reward_threshold=45",
+    )
+    kwargs = {"sutton_barto_reward": True}
+    assert config.env.recipe() == EnvRecipe("CartPole-v1", kwargs, [0, 2], 50, 45.0)
+
+
+def test_options_of_an_optimizer_need_no_plus_sign() -> None:
+    config = composed("algo.optimizer_options.momentum=0.9")
+    assert config.algo.optimizer_options == {"momentum": 0.9}
+
+
+@pytest.mark.parametrize(("group", "schemas"), [("algo", ALGOS), ("env", ENVS)])
+def test_every_option_of_a_group_has_the_schema_of_its_name(group: str, schemas: dict[str, object]) -> None:
+    assert {path.stem for path in (CONFIGS / group).glob("*.yaml")} == set(schemas)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (CONFIGS / "experiment").glob("*.yaml")))
+def test_every_experiment_is_a_valid_configuration(name: str) -> None:
+    composed(f"experiment={name}")
+
+
+def test_an_option_without_a_schema_is_refused() -> None:
+    with pytest.raises(RunError, match=r"env=bogus has no schema: there is one for gym, tmaze"):
+        checked(DictConfig({}), {"algo": "rpg", "env": "bogus"})
