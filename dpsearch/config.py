@@ -188,6 +188,7 @@ def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
         chosen[group] = schemas[choices[group]]
     plain = OmegaConf.to_container(config)  # else a key that was forced in (+key=value) would be let through
     typed = OmegaConf.merge(OmegaConf.structured(TrainConfig), chosen, plain)
+    assert isinstance(typed, DictConfig)
     for section in ("algo", "env", "policy", "rollout", None):  # one by one, to name the one that is wrong
         try:
             settings = OmegaConf.to_object(typed if section is None else typed[section])

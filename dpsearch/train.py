@@ -14,6 +14,7 @@ from typing import Any
 
 import hydra
 import torch
+from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
@@ -49,7 +50,7 @@ def _application(config: DictConfig) -> None:
         train(config, HydraConfig.get())
 
 
-def train(config: DictConfig, hydra_config: DictConfig) -> None:
+def train(config: DictConfig, hydra_config: HydraConf) -> None:
     """Begin a run, or go on with one, and bring it to its end.
 
     Args:
@@ -62,20 +63,18 @@ def train(config: DictConfig, hydra_config: DictConfig) -> None:
         SystemExit: If a signal ended it, once the checkpoint is written.
     """
     torch.set_num_threads(1)  # fastest at these sizes; and nothing may depend on how many there are
-    if config.resume is None:
+    resumed = None if config.resume is None else RunDirectory(Path(config.resume))
+    if resumed is None:
         choices = dict(hydra_config.runtime.choices)
-        settings = schema.checked(config, choices)
-        directory = _new_directory(settings, choices)
     else:
-        directory = RunDirectory(Path(config.resume))
-        config, choices = _resumed(directory, config, list(hydra_config.overrides.task))
-        settings = schema.checked(config, choices)
-    begun = config.resume is not None and directory.has_begun
+        config, choices = _saved(resumed, config, list(hydra_config.overrides.task))
+    settings = schema.checked(config, choices)
     recipe = settings.env.recipe()
     rollouts = recipe.rollouts(threads=settings.rollout.threads, num_envs=settings.rollout.num_envs)
     limits = _limits(settings, rollouts)
-    algorithm = _algorithm(ALGORITHMS[choices["algo"]], settings, rollouts, directory if begun else None)
-    if config.resume is None:
+    algorithm = _algorithm(ALGORITHMS[choices["algo"]], settings, rollouts, resumed)
+    directory = resumed or _new_directory(settings, choices)
+    if resumed is None:
         directory.begin(config, hydra_config)
     with Run(
         directory,
@@ -99,7 +98,7 @@ def train(config: DictConfig, hydra_config: DictConfig) -> None:
         print(_report(directory, run.finish(settings.evaluation_episodes)))
 
 
-def _resumed(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> tuple[DictConfig, dict[str, str]]:
+def _saved(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> tuple[DictConfig, dict[str, str]]:
     """A run's configuration with what may be changed of it, and the option chosen of each group."""
     keys = [override.partition("=")[0].lstrip("+~") for override in overrides]
     refused = [key for key in keys if key not in schema.RESUMABLE]
@@ -107,7 +106,7 @@ def _resumed(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -
         allowed = ", ".join(sorted(schema.RESUMABLE - {"resume"}))
         raise RunError(f"{refused[0]} cannot be changed when a run is resumed, only {allowed} can")
     config, choices = directory.read_config()
-    for key in keys:
+    for key in set(keys) - {"resume"}:
         OmegaConf.update(config, key, OmegaConf.select(asked, key))
     return config, choices
 
@@ -138,11 +137,11 @@ def _limits(settings: TrainConfig, rollouts: Rollouts) -> Limits:
 
 
 def _algorithm(
-    kind: type[Algorithm[Any]], settings: TrainConfig, rollouts: Rollouts, begun: RunDirectory | None
+    kind: type[Algorithm[Any]], settings: TrainConfig, rollouts: Rollouts, resumed: RunDirectory | None
 ) -> Algorithm[Any]:
     """The algorithm as the checkpoint has it, or a new one."""
-    if begun is not None:
-        return kind.load(begun.checkpoint, env=rollouts)
+    if resumed is not None and resumed.has_begun:
+        return kind.load(resumed.checkpoint, env=rollouts)
     try:
         return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed)
     except (UnsupportedSpaceError, ValueError, TypeError) as error:  # TypeError: unknown optimizer_options

@@ -172,7 +172,8 @@ def test_another_seed_is_another_run(uninterrupted: Path, tmp_path: Path) -> Non
         ),
         pytest.param(
             "import dpsearch.algos.checkpoint as c\nreplace, calls = c.os.replace, []\n"
-            f"def die(*a):\n  calls.append(a)\n  if len(calls) == 19: {KILL}\n  replace(*a)\nc.os.replace = die\n{EAGER}",
+            f"def die(*a):\n  calls.append(a)\n  if len(calls) == 19: {KILL}\n  replace(*a)\n"
+            f"c.os.replace = die\n{EAGER}",
             id="while a checkpoint is written",
         ),
         pytest.param(f"from dpsearch.algos import RPG\ndef die(*_): {KILL}\nRPG.evaluate = die", id="at the end"),
@@ -222,6 +223,7 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
     assert_same_run(copy, tmp_path / "long")
     config = OmegaConf.load(copy / ".hydra" / "config.yaml")
     assert (config.total_updates, config.rollout.threads, config.env.corridor_length) == (70, 2, 3)
+    assert config.resume is None
 
 
 # What is refused, in one line
@@ -254,7 +256,7 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("env=gym env.id=bogus:Bogus-v0", "No module named 'bogus'"),
         ("env=gym env.id=CartPole-v1 env.kwargs.bogus=1", "bogus"),
         ("env=gym env.id=CartPole-v1 env.observe_only=[4]", r"0 \.\. 3"),
-        ("env=gym env.id=tests.rollout.toy_envs:Bogus-v0", "Bogus"),
+        ("env=gym env.id=tests.runs.odd_envs:tests/Wordy-v0", "observation space .* is not supported"),
         ("env=gym env.id=Pendulum-v1 total_steps=null", "nothing would end this run"),
         ("until_solved=false total_steps=null", "nothing would end this run"),
     ],

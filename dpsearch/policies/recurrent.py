@@ -45,7 +45,7 @@ class RecurrentPolicy(nn.Module):
         bias: Whether core and read-out have biases.
         init_range: Weights and biases start uniform in [-init_range, init_range] (thesis: 0.01).
         forget_bias: Added to the initial biases of an LSTM's forget gates. A cell keeps sigmoid(forget_bias) of its
-            content from one step to the next: half with biases near 0, 99.9% with 7.
+            content from one step to the next: half with biases near 0, 99.97% with 8.
         input_bias: Added to the initial biases of its input gates; a negative one keeps cells from filling up with
             what is seen at every step.
         seed: Seed of the initial weights.

@@ -21,7 +21,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GREY = "#5F5F5F"
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {  # matplotlib's releases disagree about its type
     "font.size": 10,
     "axes.titlesize": 11,
     "axes.titleweight": "bold",
@@ -77,7 +77,9 @@ def curve(axes: Axes, x: Sequence[float], rows: Sequence[Row], number: int, labe
     points = [
         (at, row.mean, *_interval(row, row.mean)) for at, row in zip(x, rows, strict=True) if row.mean is not None
     ]
-    at, means, low, high = np.array(points).reshape(-1, 4).T
+    if not points:
+        return
+    at, means, low, high = np.array(points).T
     colour = COLOURS[number]
     axes.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
     axes.plot(at, means, color=colour, marker=MARKERS[number], label=label, clip_on=False, zorder=3)
@@ -92,8 +94,9 @@ def dots(axes: Axes, rows: Sequence[tuple[str, Row | None, str]]) -> None:
     """
     for place, (_, row, colour) in enumerate(rows):
         if row is None or (row.median is None and row.ci_low is None):
-            words, at, ha = "no number", (0.03, place), "left"
-            axes.annotate(words, at, xycoords=("axes fraction", "data"), ha=ha, va="center_baseline", color=GREY)
+            words = "no number" if row is None or row.runs is None else "no run solved it"
+            at = ("axes fraction", "data")
+            axes.annotate(words, (0.03, place), xycoords=at, va="center_baseline", color=GREY)
         elif row.runs is not None and row.median is not None:
             axes.plot(
                 _interval(row, row.median), [place, place], color=colour, linewidth=6, alpha=0.3, solid_capstyle="butt"
@@ -101,7 +104,7 @@ def dots(axes: Axes, rows: Sequence[tuple[str, Row | None, str]]) -> None:
             axes.plot(row.median, place, "o", color=colour, markersize=8)
         elif row.median is not None:
             axes.plot(row.median, place, "D", color=GREY, fillstyle="none", markersize=7)
-        elif row.ci_high is not None:
+        elif row.ci_low is not None and row.ci_high is not None:
             axes.plot([row.ci_low, row.ci_high], [place, place], "|-", color=GREY, markersize=11)
         elif row.ci_low is not None:
             axes.plot(row.ci_low, place, ">", color=GREY, fillstyle="none", markersize=8)
@@ -120,9 +123,10 @@ def bars(axes: Axes, rows: Sequence[tuple[str, float, str | None]]) -> None:
         rows: Label, length and colour of each bar, from top to bottom; no colour if it is reported.
     """
     for place, (_, length, colour) in enumerate(rows):
-        look = {"hatch": "////", "facecolor": "none", "edgecolor": GREY} if colour is None else {"color": colour}
-        axes.barh(place, length, height=0.62, linewidth=1.0, **look)
-        axes.annotate(f"{length:,.0f}", (length, place), (4, 0), textcoords="offset points", va="center_baseline")
+        hatch, face, edge = ("////", "none", GREY) if colour is None else (None, colour, colour)
+        axes.barh(place, length, height=0.62, linewidth=1.0, hatch=hatch, facecolor=face, edgecolor=edge)
+        at = max(length, axes.get_xlim()[0])
+        axes.annotate(f"{length:,.0f}", (at, place), (4, 0), textcoords="offset points", va="center_baseline")
     name_lines(axes, [label for label, _, _ in rows])
 
 
@@ -143,13 +147,14 @@ def logarithmic(axes: Axes, direction: Literal["x", "y"]) -> None:
         axes.set_yscale("log")
     axis = axes.xaxis if direction == "x" else axes.yaxis
     low, high = axis.get_view_interval()
-    decades = np.log10(high / low) if low > 0.0 else 1.0  # nothing is drawn
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 1.7 else (1.0, 3.0) if decades < 3 else (1.0,)))
+    decades = np.log10(high / low)
+    steps = (1.0, 2.0, 5.0) if decades < 2 else (1.0, 3.0) if decades < 3 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter(_short)
     axis.set_minor_locator(NullLocator())
 
 
-def _short(value: float, _: int | None = None) -> str:
+def _short(value: float, _: float) -> str:
     for size, letter in ((1e6, "M"), (1e3, "k")):
         if value >= size:
             return f"{value / size:g}{letter}"

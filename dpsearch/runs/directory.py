@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -57,12 +57,10 @@ class RunDirectory:
     @classmethod
     def free(cls, path: Path) -> RunDirectory:
         """The first of ``path``, ``path_2``, ``path_3``, ... that does not exist."""
-        names = (path.with_name(f"{path.name}_{k}") for k in count(2))
-        while path.exists():
-            path = next(names)
-        return cls(path)
+        names = chain([path], (path.with_name(f"{path.name}_{k}") for k in count(2)))
+        return cls(next(name for name in names if not name.exists()))
 
-    def begin(self, config: DictConfig, hydra: DictConfig) -> None:
+    def begin(self, config: DictConfig, hydra: Any) -> None:
         """Make the directory, and note there what is to be run, as Hydra does.
 
         Args:

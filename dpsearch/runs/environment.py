@@ -40,7 +40,7 @@ class EnvRecipe:
         Raises:
             RunError: If the environment is unknown or refuses its arguments.
         """
-        extra = {} if render_mode is None else {"render_mode": render_mode}
+        extra: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
         try:
             module, _, name = self.id.rpartition(":")
             if module:

@@ -38,6 +38,7 @@ class Progress:
             unit=" steps",
             unit_scale=True,
             dynamic_ncols=True,
+            delay=1e-9,  # not before the first update
             disable=not show or self._lines,
         )
 

@@ -101,6 +101,7 @@ class Run:
     def checkpoint(self) -> None:
         """Write all that is needed to go on from here, and the policy."""
         self._metrics.sync()  # first, so that no checkpoint is ahead of its metrics
+        self._tensorboard.flush()
         self.algorithm.save(self.directory.checkpoint)
         save_policy(self.directory.policy, self.algorithm, self.recipe)
 

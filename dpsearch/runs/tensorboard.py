@@ -62,6 +62,11 @@ class TensorBoardLog:
             writer.add_scalar(name, value, env_steps)
         self._add_table(writer, end=True)
 
+    def flush(self) -> None:
+        """Hand all points over to the operating system, where a kill does not lose them."""
+        if self._writer is not None:
+            self._writer.flush()
+
     def close(self) -> None:
         """Write what is left."""
         if self._writer is not None:

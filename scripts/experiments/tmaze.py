@@ -115,16 +115,17 @@ def with_peers(args: Namespace, rows: list[Row]) -> list[Section]:
     return [Section("Measured", rows), Section("Reported", peers(args.corridors))]
 
 
+UNTIL_SOLVED = (
+    "The numbers count what it took until 100 evaluation episodes of the stochastic policy reached a mean return of "
+    "3.8, over the runs that got there. Success rates have Wilson's 95% interval. A corridor counts as solved reliably "
+    "if at least 90% of the runs solve it, and all shorter ones of the table. The *thesis* columns hold what section "
+    "3.4.2 and the caption of figure 3.4 say, in part after Bakker (2002); they give no numbers of iterations."
+)
+
 FIG_3_4 = Experiment(
     name="fig_3_4",
     title="Figure 3.4: the T-maze with recurrent policy gradients",
-    text=(
-        "Environment steps, episodes, updates and core-seconds until 100 evaluation episodes of the stochastic policy "
-        "reach a mean return of 3.8: mean ± standard deviation over the successful runs, with a 95% bootstrap interval "
-        "of the mean. Success rates have Wilson's 95% interval. A corridor counts as solved reliably if at least 90% of the "
-        "runs succeed in it and in all shorter ones. The *thesis* columns hold what section 3.4.2 and the caption of "
-        "figure 3.4 say, in part after Bakker (2002); they give no numbers of iterations."
-    ),
+    text=f"Mean ± standard deviation, with the 95% bootstrap interval of the mean. {UNTIL_SOLVED}",
     runs=100,
     statistic="mean",
     metrics=METRICS,
@@ -140,9 +141,10 @@ TMAZE_FAST = Experiment(
     name="tmaze_fast",
     title="The T-maze in few steps",
     text=(
-        "Environment steps and core-seconds until 95 of the last 100 training episodes ended at the goal: median over "
-        "the successful runs, with its 95% bootstrap interval. Numbers in italics are reported for peers that were "
-        "trained until the same criterion, with > for one that was not met by then."
+        "Medians with their 95% bootstrap interval. The numbers count what it took until 95 of the last 100 training "
+        "episodes ended at the goal, over the runs that got there. Those in italics are reported: today's recurrent "
+        "PPOs until the same criterion, with an LSTM of 32 cells, their own defaults (CleanRL's: 16 "
+        "environments of 128 steps) and one thread of a machine with AVX-512; > where it was not met by then."
     ),
     runs=10,
     statistic="median",
@@ -158,13 +160,7 @@ TMAZE_FAST = Experiment(
 TMAZE_LONG = Experiment(
     name="tmaze_long",
     title="The T-maze with long corridors",
-    text=(
-        "Environment steps, episodes, updates and core-seconds until 100 evaluation episodes of the stochastic policy "
-        "reach a mean return of 3.8: median over the successful runs, with its 95% bootstrap interval. Success rates "
-        "have Wilson's 95% interval. A corridor counts as solved reliably if at least 90% of the runs succeed in it and "
-        "in all shorter ones of the table. The *thesis* column holds what section 3.4.2 and the caption of figure 3.4 "
-        "say, in part after Bakker (2002)."
-    ),
+    text=f"Medians with their 95% bootstrap interval. {UNTIL_SOLVED}",
     runs=10,
     statistic="median",
     metrics=METRICS,

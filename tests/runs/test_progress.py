@@ -21,20 +21,19 @@ def rpg() -> RPG:
 
 
 def test_a_terminal_shows_a_bar(rpg: RPG, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", Terminal())
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
     progress = Progress(rpg, Limits(total_steps=10**6))
     rpg.update()
     progress.update(perf_counter())
     progress.close()
-    shown = sys.stderr.getvalue()  # type: ignore[attr-defined]
+    shown = terminal.getvalue()
     assert "1.00M" in shown
     assert "steps/s" in shown
     assert "return" in shown
 
 
-def test_without_a_terminal_there_is_a_line_now_and_then(
-    rpg: RPG, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_terminal_there_is_a_line_now_and_then(rpg: RPG, capsys: pytest.CaptureFixture[str]) -> None:
     progress = Progress(rpg, Limits(total_updates=4))
     rpg.update()
     progress.update(perf_counter())
