@@ -109,7 +109,7 @@ def _report(evaluation: Evaluation, *, greedy: bool) -> str:
     error = f" ± {evaluation.standard_error:.2g}" if len(returns) > 1 else ""
     return "\n".join(
         [
-            f"{len(returns)} episodes of the {'greedy' if greedy else 'stochastic'} policy",
+            f"{len(returns)} episode{'s' * (len(returns) > 1)} of the {'greedy' if greedy else 'stochastic'} policy",
             f"return: mean {evaluation.mean_return:.4g}{error}, median {np.median(returns):.4g}, "
             f"from {returns.min():.4g} to {returns.max():.4g}",
             f"length: mean {evaluation.mean_length:.4g}, median {np.median(lengths):.4g}, "

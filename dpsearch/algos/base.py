@@ -9,23 +9,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, ClassVar, Generic, Self, TypeGuard, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
-import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from typing_extensions import TypeIs
 
 from dpsearch.algos.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions
-from dpsearch.rollout import Episodes, Rollouts, make_rollouts
+from dpsearch.rollout import EnvSource, Episodes, Rollouts, make_rollouts
 
 TRAINING, EVALUATION, WEIGHTS = 1, 2, 3  # purposes of a seed's streams
 RECENT_EPISODES = 100  # training episodes whose mean return is reported, and evaluation episodes that decide "solved"
 
-Env = str | gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any] | Callable[[], gym.Env[Any, Any]] | Rollouts
+Env = EnvSource | Rollouts
 Metrics = dict[str, float]
 ConfigT = TypeVar("ConfigT")
 
@@ -104,14 +104,15 @@ class Algorithm(ABC, Generic[ConfigT]):
         env_kwargs: dict[str, Any] | None = None,
         **overrides: Any,
     ) -> None:
-        self.config: ConfigT = dataclasses.replace(config or self.config_type(), **overrides)
+        settings: Any = self.config_type() if config is None else config
+        self.config: ConfigT = dataclasses.replace(settings, **overrides)
         self.seed = seed
         self.training_key = stream_key(seed, TRAINING)
         self.evaluation_key = stream_key(seed, EVALUATION)
         self.env_id = env if isinstance(env, str) else None
         self.env_kwargs = env_kwargs or {}
         self.rollouts: Rollouts = (
-            make_rollouts(env, threads=threads, env_kwargs=env_kwargs) if not _is_rollouts(env) else env
+            env if _is_rollouts(env) else make_rollouts(env, threads=threads, env_kwargs=env_kwargs)
         )
         if isinstance(policy, RecurrentPolicy):
             self.policy = policy
@@ -312,5 +313,5 @@ class Algorithm(ABC, Generic[ConfigT]):
         return algorithm
 
 
-def _is_rollouts(env: Env) -> TypeGuard[Rollouts]:
+def _is_rollouts(env: Env) -> TypeIs[Rollouts]:
     return hasattr(env, "collect") and hasattr(env, "evaluate")

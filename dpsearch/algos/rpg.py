@@ -124,7 +124,7 @@ class RPG(Algorithm[RPGConfig]):
         sampled = perf_counter()
         self.optimizer.zero_grad()
         loss, entropy = self.loss(episodes)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         length = self._normalise_gradient()
         backpropagated = perf_counter()
         self.optimizer.step()

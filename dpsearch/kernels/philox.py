@@ -109,4 +109,5 @@ def _words(counter: int, key: int) -> NDArray[np.uint64]:
     counters = np.array([[counter, 0, 0, 0]], np.uint64)
     words = np.empty_like(counters)
     philox4x32(counters, np.array([[key & 0xFFFFFFFF, key >> 32]], np.uint64), words)
-    return words[0]
+    first: NDArray[np.uint64] = words[0]
+    return first

@@ -2,8 +2,9 @@
 
 from dpsearch.rollout.compiled import CompiledRollouts
 from dpsearch.rollout.episodes import Episodes
+from dpsearch.rollout.gym_lanes import EnvSource
 from dpsearch.rollout.make import make_rollouts
 from dpsearch.rollout.protocol import Rollouts
 from dpsearch.rollout.vector import VectorRollouts
 
-__all__ = ["CompiledRollouts", "Episodes", "Rollouts", "VectorRollouts", "make_rollouts"]
+__all__ = ["CompiledRollouts", "EnvSource", "Episodes", "Rollouts", "VectorRollouts", "make_rollouts"]

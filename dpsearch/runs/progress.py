@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from time import perf_counter
 from typing import Any
@@ -32,12 +33,14 @@ class Progress:
         self._start_steps, self._start_fraction = algorithm.env_steps, limits.fraction(algorithm)
         self._next_line = self._start + LINE_SECONDS
         tqdm.monitor_interval = 0  # no thread
+        columns, lines = shutil.get_terminal_size()  # not tqdm's: it shows nothing where a terminal says 0 x 0
         self._bar = tqdm(
             initial=algorithm.env_steps,
             total=limits.total_steps,
             unit=" steps",
             unit_scale=True,
-            dynamic_ncols=True,
+            ncols=columns,
+            nrows=lines,
             delay=1e-9,  # not before the first update
             disable=not show or self._lines,
         )

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from dpsearch.algos import RPG, RPGConfig
 from dpsearch.algos.baselines import Baseline, ConstantBaseline
 from dpsearch.envs.tmaze import TMaze
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.rollout import Episodes
+from dpsearch.rollout import CompiledRollouts, Episodes
 
 HORIZON = 4  # steps of the small POMDP: all 2 * 4**4 histories can be listed
 
 
-def small_rpg(**settings) -> RPG:
+def small_rpg(**settings: Any) -> RPG:
     policy = PolicyConfig(hidden_size=3, init_range=0.7)
     return RPG(TMaze(corridor_length=1, max_episode_steps=HORIZON), policy=policy, **{"gamma": 1.0, **settings})
 
@@ -25,8 +28,8 @@ def small_rpg(**settings) -> RPG:
 def histories() -> list[Episodes]:
     """Every history of the T-maze with corridor 1, each an episode of its own, played by the scalar environment."""
     env = TMaze(corridor_length=1, max_episode_steps=HORIZON)
-    found: dict[tuple, Episodes] = {}
-    seeds = {}
+    found: dict[tuple[int, tuple[int, ...]], Episodes] = {}
+    seeds: dict[tuple[float, ...], int] = {}
     for seed in range(50):  # one seed for each road sign
         seeds.setdefault(tuple(env.reset(seed=seed)[0]), seed)
     assert len(seeds) == 2
@@ -68,7 +71,7 @@ def probabilities(policy: RecurrentPolicy, episodes: list[Episodes]) -> torch.Te
     return log_p.sum(0).exp() / 2
 
 
-def exact_expected_return(policy: RecurrentPolicy, vector: np.ndarray, episodes: list[Episodes]) -> float:
+def exact_expected_return(policy: RecurrentPolicy, vector: NDArray[np.float64], episodes: list[Episodes]) -> float:
     policy.load_vector(vector)
     with torch.no_grad():
         return float(probabilities(policy, episodes) @ torch.tensor([e.returns[0] for e in episodes]))
@@ -80,26 +83,32 @@ class Fixed(Baseline):
     def __init__(self, value: float) -> None:
         self.value = torch.tensor(value)
 
-    def __call__(self, features, returns, mask):
+    def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
         return self.value, None
 
-    def state_dict(self):
+    def state_dict(self) -> dict[str, Any]:
         return {}
 
-    def load_state_dict(self, state):
+    def load_state_dict(self, state: dict[str, Any]) -> None:
         pass
 
 
-def gradient_of(rpg: RPG, episodes: Episodes, baseline: float = 0.0) -> np.ndarray:
+def gradients(rpg: RPG) -> NDArray[np.float64]:
+    found = [p.grad.numpy().ravel() for p in rpg.parameters if p.grad is not None]
+    assert len(found) == len(rpg.parameters)
+    return np.concatenate(found).astype(np.float64)
+
+
+def gradient_of(rpg: RPG, episodes: Episodes, baseline: float = 0.0) -> NDArray[np.float64]:
     rpg.baseline = Fixed(baseline)
     rpg.optimizer.zero_grad()
     loss, _ = rpg.loss(episodes)
     loss.backward()
-    return -np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+    return -gradients(rpg)
 
 
 @pytest.mark.parametrize("baseline", [0.0, 1.7])
-def test_the_expected_gradient_is_that_of_the_exact_expected_return(baseline):
+def test_the_expected_gradient_is_that_of_the_exact_expected_return(baseline: float) -> None:
     rpg, episodes = small_rpg(), histories()
     start = rpg.policy.vector()
     exact = small_rpg().policy.double()
@@ -117,7 +126,7 @@ def test_the_expected_gradient_is_that_of_the_exact_expected_return(baseline):
     np.testing.assert_allclose(expected, differences, rtol=1e-4, atol=2e-6)
 
 
-def test_sampled_gradients_average_to_the_exact_one():
+def test_sampled_gradients_average_to_the_exact_one() -> None:
     rpg, episodes = small_rpg(batch_size=500), histories()
     exact = small_rpg().policy.double()
     chances = probabilities(exact, episodes).detach().numpy()
@@ -129,7 +138,7 @@ def test_sampled_gradients_average_to_the_exact_one():
     assert np.sqrt(np.mean(deviations**2)) == pytest.approx(1.0, abs=0.5)
 
 
-def test_output_eligibilities_of_a_softmax_are_action_minus_probability():
+def test_output_eligibilities_of_a_softmax_are_action_minus_probability() -> None:
     rpg = small_rpg()
     episodes = rpg.play_batch(6)
     returns = episodes.returns_to_go(1.0)
@@ -139,12 +148,12 @@ def test_output_eligibilities_of_a_softmax_are_action_minus_probability():
     eligibilities = (chosen - torch.softmax(outputs, -1)) * torch.from_numpy(returns * episodes.mask)[..., None] / 6
     rpg.optimizer.zero_grad()
     outputs.backward(eligibilities.detach())  # section 3.4.2: a_i - p_i, backpropagated through time
-    by_hand = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+    by_hand = gradients(rpg)
     np.testing.assert_allclose(automatic, by_hand, rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize("variance_scaled", [False, True])
-def test_output_eligibilities_of_a_gaussian_are_those_of_section_3_4_1(variance_scaled):
+def test_output_eligibilities_of_a_gaussian_are_those_of_section_3_4_1(variance_scaled: bool) -> None:
     rpg = RPG("Pendulum-v1", batch_size=2, variance_scaled=variance_scaled, policy=PolicyConfig(init_range=0.3))
     episodes = rpg.play_batch(2)
     weights = episodes.returns_to_go(rpg.config.gamma)
@@ -158,18 +167,18 @@ def test_output_eligibilities_of_a_gaussian_are_those_of_section_3_4_1(variance_
     scale = sigma**2 if variance_scaled else torch.ones_like(sigma)
     rpg.optimizer.zero_grad()
     outputs.backward(eligibilities * (torch.from_numpy(weights) * scale)[..., None] / 2)
-    by_hand = np.concatenate([p.grad.numpy().ravel() for p in rpg.parameters])
+    by_hand = gradients(rpg)
     np.testing.assert_allclose(automatic, by_hand, rtol=2e-3, atol=1e-5)
 
 
-def test_the_gradient_is_normalised_to_the_length_asked_for():
+def test_the_gradient_is_normalised_to_the_length_asked_for() -> None:
     rpg = small_rpg(gradient_length=0.3, learning_rate=1.0)
     before = rpg.policy.vector()
     rpg.update()
     assert np.linalg.norm(rpg.policy.vector() - before) == pytest.approx(0.3, rel=1e-4)
 
 
-def test_the_constant_baseline_is_the_mean_return_of_the_last_episodes_before_the_batch():
+def test_the_constant_baseline_is_the_mean_return_of_the_last_episodes_before_the_batch() -> None:
     baseline = ConstantBaseline(window=3)
     returns = torch.tensor([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 3.0, 0.0]])
     mask = torch.tensor([[True, True, True, True], [True, False, True, False]])
@@ -181,7 +190,7 @@ def test_the_constant_baseline_is_the_mean_return_of_the_last_episodes_before_th
     assert copy(torch.empty(0), returns, mask)[0] == baseline(torch.empty(0), returns, mask)[0]
 
 
-def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return():
+def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return() -> None:
     rpg = small_rpg(baseline="shared", baseline_weight=1.0)
     episodes = rpg.play_batch(300)
     returns, mask = torch.from_numpy(episodes.returns_to_go(1.0)), torch.from_numpy(episodes.mask)
@@ -190,28 +199,29 @@ def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return():
         optimizer.zero_grad()
         features, _ = rpg.policy.remember(torch.from_numpy(episodes.observations))
         expected, error = rpg.baseline(features, returns, mask)
+        assert error is not None
         error.backward()
         optimizer.step()
     assert not expected.requires_grad
     assert ((returns - expected)[mask]).var() < 0.95 * returns[mask].var()
 
 
-def test_batches_shrink_and_grow_to_a_number_of_steps():
+def test_batches_shrink_and_grow_to_a_number_of_steps() -> None:
     rpg = small_rpg(batch_size=2, batch_steps=100)
-    sizes = []
+    sizes: list[int] = []
     rpg.learn(total_updates=30, callback=lambda algorithm, _: sizes.append(algorithm.batch_size))
     assert all(100 / HORIZON * 0.8 <= size <= 100 for size in sizes)
 
 
 @pytest.mark.parametrize("optimizer", ["SGD", "Adam", "RMSprop"])
-def test_any_torch_optimiser_learns(optimizer):
+def test_any_torch_optimiser_learns(optimizer: str) -> None:
     rpg = small_rpg(optimizer=optimizer, learning_rate=0.05, gradient_length=None)
     before = rpg.evaluate(200).mean_return
     rpg.learn(total_updates=150)
     assert rpg.evaluate(200).mean_return > before + 1.0
 
 
-def test_state_goes_on_bit_for_bit():
+def test_state_goes_on_bit_for_bit() -> None:
     one, other = (
         small_rpg(optimizer="Adam", learning_rate=0.01),
         small_rpg(optimizer="Adam", learning_rate=0.01),
@@ -235,13 +245,14 @@ def test_state_goes_on_bit_for_bit():
         ("gradient_length", 0.0),
     ],
 )
-def test_a_setting_out_of_range_is_named(setting, value):
+def test_a_setting_out_of_range_is_named(setting: str, value: Any) -> None:
     with pytest.raises(ValueError, match=setting):
         RPGConfig(**{setting: value})
 
 
-def test_an_infinite_reward_stops_the_run_and_names_the_episode():
+def test_an_infinite_reward_stops_the_run_and_names_the_episode() -> None:
     rpg = small_rpg(batch_size=4)
+    assert isinstance(rpg.rollouts, CompiledRollouts)
     rpg.rollouts.kernel.floats[:] = np.where(rpg.rollouts.kernel.floats < 0, np.nan, rpg.rollouts.kernel.floats)
     with pytest.raises(FloatingPointError, match="episode"):
         rpg.update()
@@ -251,7 +262,7 @@ BEST_WITHOUT_MEMORY = 1.95  # half of the signs are right: (4 - 0.1) / 2, exact
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_an_lstm_learns_what_no_memoryless_policy_can(seed):
+def test_an_lstm_learns_what_no_memoryless_policy_can(seed: int) -> None:
     rpg = RPG("dpsearch/TMaze-v0", env_kwargs={"corridor_length": 5}, seed=seed).learn(
         total_steps=3_000_000, until_solved=True
     )
@@ -259,7 +270,7 @@ def test_an_lstm_learns_what_no_memoryless_policy_can(seed):
     assert rpg.evaluate(1000).mean_return > 3.5
 
 
-def test_without_memory_the_best_is_half_of_the_signs():
+def test_without_memory_the_best_is_half_of_the_signs() -> None:
     rpg = RPG("dpsearch/TMaze-v0", env_kwargs={"corridor_length": 5}, policy=PolicyConfig(core="none"), seed=0)
     rpg.learn(total_updates=800, until_solved=True)
     assert not rpg.solved

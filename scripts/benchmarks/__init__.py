@@ -1,0 +1,16 @@
+"""Every speed and size that the project promises, by name."""
+
+from collections.abc import Callable
+
+from scripts.benchmarks.measurement import Measurement
+from scripts.benchmarks.processes import compilation, memory, startup
+from scripts.benchmarks.speed import sampling, update
+
+BENCHMARKS: dict[str, Callable[[int], list[Measurement]]] = {
+    "sampling": sampling,
+    "update": update,
+    "startup": startup,
+    "memory": memory,
+    "compilation": compilation,
+}
+"""Each takes a number of repetitions."""

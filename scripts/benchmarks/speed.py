@@ -1,0 +1,134 @@
+"""How fast episodes are played and policies updated, in core-seconds of one thread.
+
+The process's own CPU time is measured, so what else the machine does matters little; what is compared is interleaved.
+"""
+
+from __future__ import annotations
+
+import copy
+import gc
+from collections.abc import Iterable
+from itertools import product
+from time import process_time
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from dpsearch.algos import RPG
+from dpsearch.envs.tmaze import EAST
+from dpsearch.rollout import Episodes
+from scripts.benchmarks.measurement import Measurement
+
+TMAZE = "dpsearch.envs:dpsearch/TMaze-v0"
+SAMPLE_SECONDS = 0.1  # least duration of one measurement of sampling
+UPDATES = 20  # updates timed in each repetition
+STANDING_STILL = 1e-12  # learning rate with which all updates are of the same policy
+
+
+def sampling(repeats: int) -> list[Measurement]:
+    """Environment steps a core-second, playing T-mazes with an LSTM of 10 cells."""
+    cases = list(product(("random walk", "straight east"), (10, 100), (20, 100, 1000)))
+    players = [_rpg(corridor, batch, straight=walk == "straight east") for walk, corridor, batch in cases]
+    speeds: list[list[float]] = [[] for _ in cases]
+    for _ in _rounds(repeats):
+        for player, speed in zip(players, speeds, strict=True):
+            steps, seconds = 0, 0.0
+            while seconds < SAMPLE_SECONDS:
+                start = process_time()
+                episodes = player.play_batch(player.config.batch_size)
+                seconds += process_time() - start
+                steps += episodes.steps
+            speed.append(steps / seconds)
+    return [
+        Measurement.of(
+            speed,
+            benchmark="sampling",
+            what=f"T-maze, N = {corridor}, batch {batch}, {walk}",
+            unit="steps/core-second",
+            at_least=5e6,
+        )
+        for (walk, corridor, batch), speed in zip(cases, speeds, strict=True)
+    ]
+
+
+def update(repeats: int) -> list[Measurement]:
+    """A whole RPG update, against the bare ``nn.LSTM`` forward and backward on the same tensors."""
+    rows = []
+    for corridor, straight in ((10, True), (100, True), (1000, True), (10, False)):
+        algorithm = _rpg(corridor, 20, straight=straight)
+        lstm = copy.deepcopy(algorithm.policy.core)
+        assert isinstance(lstm, nn.LSTM)
+        whole, bare, longest = [], [], []
+        phases: dict[str, list[float]] = {"sample": [], "gradient": [], "step": []}
+        for _ in _rounds(repeats * UPDATES):
+            episodes = _next_batch(algorithm)
+            observations = torch.from_numpy(episodes.observations)
+            start = process_time()
+            metrics = algorithm.update()
+            middle = process_time()
+            _forward_backward(lstm, observations)
+            end = process_time()
+            whole.append(1e3 * (middle - start))
+            bare.append(1e3 * (end - middle))
+            longest.append(len(observations))
+            for phase, seconds in phases.items():
+                seconds.append(1e3 * metrics[f"time/{phase}"])
+        walk = f"T = {corridor + 1}" if straight else f"N = {corridor}, random walk, T = {int(np.median(longest))}"
+        case = f"batch 20, {walk}"
+        ms = {"benchmark": "update", "unit": "ms"}
+        ratios = np.quantile(np.divide(whole, bare), [0.25, 0.75]).tolist()
+        rows += [
+            Measurement.of(whole, what=f"RPG update, {case}", **ms),
+            *(Measurement.of(seconds, what=f"of which {phase}, {case}", **ms) for phase, seconds in phases.items()),
+            Measurement.of(bare, what=f"bare nn.LSTM, {case}", **ms),
+            Measurement(
+                benchmark="update",
+                what=f"ratio of medians, {case}",
+                unit="",
+                median=float(np.median(whole) / np.median(bare)),
+                low=ratios[0],
+                high=ratios[1],
+                repeats=len(whole),
+                at_most=1.5,
+            ),
+        ]
+    return rows
+
+
+def _rpg(corridor: int, batch: int, *, straight: bool) -> RPG:
+    """RPG on a T-maze, with a policy that does not change: a random walk, or east in every step."""
+    env_kwargs: dict[str, Any] = {"corridor_length": corridor}
+    if straight:
+        env_kwargs["max_episode_steps"] = corridor + 1  # it never turns, so this ends the episode as a turn would
+    algorithm = RPG(TMAZE, batch_size=batch, learning_rate=STANDING_STILL, env_kwargs=env_kwargs)
+    if straight:
+        with torch.no_grad():
+            algorithm.policy.readout.bias[EAST] = 10.0
+    algorithm.update()  # what is loaded or compiled at first use
+    return algorithm
+
+
+def _next_batch(algorithm: RPG) -> Episodes:
+    """The episodes that the next update will play again."""
+    return algorithm.rollouts.collect(
+        algorithm.policy, algorithm.batch_size, key=algorithm.training_key, first_episode=algorithm.episodes
+    )
+
+
+def _forward_backward(lstm: nn.LSTM, observations: Tensor) -> None:
+    lstm.zero_grad()
+    features, _ = lstm(observations)
+    features.backward(torch.ones_like(features))
+
+
+def _rounds(number: int) -> Iterable[int]:
+    """Repetitions on one thread, without the garbage collector."""
+    torch.set_num_threads(1)
+    gc.collect()
+    gc.disable()
+    try:
+        yield from range(number)
+    finally:
+        gc.enable()
