@@ -42,6 +42,7 @@ SYMBOLS = ("sign up", "sign down", "corridor", "junction")
 SIGN_UP, SIGN_DOWN, CORRIDOR, JUNCTION = range(4)
 SIGNS = ("up", "down")
 LONGEST = 100_000
+REWARD_THRESHOLD = 3.8
 
 ENCODINGS = {
     "bits": ((0, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 0)),
@@ -126,11 +127,13 @@ class TMaze(KernelEnv):
         corridor_length: N.
         encoding: How symbols become inputs.
         pomdp: The task as tables.
+        reward_threshold: Mean return that counts as solved: at least 96 of 100 signs remembered.
 
     Raises:
         ValueError: If an argument is none of these.
     """
 
+    reward_threshold = REWARD_THRESHOLD
     metadata = {"render_modes": ["rgb_array", "human", "ansi"], "render_fps": 4}
 
     def __init__(

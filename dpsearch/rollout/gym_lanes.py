@@ -339,7 +339,8 @@ def step_limit(env: Env | VectorEnv) -> int | None:
 def reward_threshold(env: Env | VectorEnv) -> float | None:
     """Mean return that counts as solved, None if the environment names none."""
     spec = _spec(env)
-    return None if spec is None else spec.reward_threshold
+    own: float | None = getattr(env.unwrapped, "reward_threshold", None)
+    return own if spec is None else spec.reward_threshold
 
 
 def _spec(env: Env | VectorEnv) -> EnvSpec | None:

@@ -47,7 +47,7 @@ def test_an_environment_with_a_kernel_is_played_in_lanes_however_it_comes(env: A
 def test_the_solved_threshold_is_the_registered_one() -> None:
     assert make_rollouts(TMAZE).reward_threshold == gym.spec(TMAZE).reward_threshold
     assert make_rollouts("CartPole-v1").reward_threshold == 475.0
-    assert make_rollouts(TMaze()).reward_threshold is None
+    assert make_rollouts(TMaze()).reward_threshold == 3.8
 
 
 def test_arguments_reach_the_environment() -> None:
