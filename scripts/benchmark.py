@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
-from argparse import ArgumentParser
+from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python itself lo
 from dpsearch.algos.checkpoint import versions
 from dpsearch.report.provenance import command, machine
 from dpsearch.report.tables import number
+from scripts.arguments import at_least
 from scripts.benchmarks import BENCHMARKS
 from scripts.benchmarks.measurement import Measurement
 
@@ -42,7 +43,7 @@ def markdown(rows: Sequence[Measurement]) -> str:
     for row in rows:
         limit = row.at_least if row.at_most is None else row.at_most
         direction = "at least" if row.at_most is None else "at most"
-        promise = "" if limit is None else f"{direction} {number(limit)}: {'kept' if row.met else 'MISSED'}"
+        promise = "" if limit is None else f"{direction} {limit:,.12g}: {'kept' if row.met else 'MISSED'}"
         quartiles = f"{number(row.low)} to {number(row.high)}"
         cells.append([row.benchmark, row.what, number(row.median), quartiles, row.unit, str(row.repeats), promise])
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
@@ -70,12 +71,19 @@ def write(folder: Path, rows: Sequence[Measurement], table: str, how: str) -> No
 
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(prog="benchmark.py", description=__doc__)
+    known = ", ".join(BENCHMARKS)
+    parser.add_argument("names", nargs="*", type=_known, metavar="NAME", help=f"of {known}; default: all")
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", choices=[[], *BENCHMARKS], help=f"of {', '.join(BENCHMARKS)}; default: all"
+        "--repeats", type=at_least(1), default=10, metavar="K", help="repetitions; default: %(default)s"
     )
-    parser.add_argument("--repeats", type=int, default=10, help="repetitions; default: %(default)s")
     parser.add_argument("--out", type=Path, help="folder for benchmark.json and benchmark.md; default: only print")
     return parser
+
+
+def _known(name: str) -> str:
+    if name not in BENCHMARKS:
+        raise ArgumentTypeError(f"unknown benchmark {name!r}: choose from {', '.join(BENCHMARKS)}")
+    return name
 
 
 if __name__ == "__main__":

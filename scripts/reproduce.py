@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -22,6 +22,7 @@ from dpsearch.algos.checkpoint import versions
 from dpsearch.report.provenance import command, machine
 from dpsearch.report.tables import Table
 from dpsearch.runs import RunError
+from scripts.arguments import at_least
 from scripts.experiments import EXPERIMENTS
 from scripts.experiments.experiment import Experiment
 from scripts.experiments.jobs import Job, Outcome, RunLog, run_all
@@ -103,18 +104,14 @@ def _parser() -> ArgumentParser:
         own = names.add_parser(name, help=experiment.title, description=experiment.title)
         experiment.add_options(own)
         own.add_argument(
-            "--runs", type=_positive, default=experiment.runs, help="runs of each cell; default: %(default)s"
+            "--runs", type=at_least(1), default=experiment.runs, help="runs of each cell; default: %(default)s"
         )
-        own.add_argument("--jobs", type=_positive, default=os.cpu_count() or 1, help="processes; default: one a core")
-        own.add_argument("--seed", type=int, default=0, help="the first run's seed, and so on; default: %(default)s")
+        own.add_argument("--jobs", type=at_least(1), default=os.cpu_count() or 1, help="processes; default: one a core")
+        own.add_argument(
+            "--seed", type=at_least(0), default=0, help="the first run's seed, and so on; default: %(default)s"
+        )
         own.add_argument("--out", type=Path, default=Path("docs/results"), help="folder; default: %(default)s")
     return parser
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -14,16 +14,22 @@ TMAZE = "dpsearch.envs:dpsearch/TMaze-v0"
 
 def first_update() -> dict[str, float]:
     """One RPG update of the default T-maze, imports and compilation included."""
+    import torch
+
     from dpsearch.algos import RPG
 
+    torch.set_num_threads(1)
     RPG(TMAZE).update()
     return {"core_seconds": process_time()}
 
 
 def long_update() -> dict[str, float]:
     """One RPG update of 20 random walks in a corridor of 1000."""
+    import torch
+
     from dpsearch.algos import RPG
 
+    torch.set_num_threads(1)
     algorithm = RPG(TMAZE, env_kwargs={"corridor_length": 1000}, batch_size=20)
     imported = peak_memory()
     algorithm.update()

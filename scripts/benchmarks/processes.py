@@ -102,5 +102,5 @@ def _first_update_of_train() -> float:
             process.terminate()
             process.wait()
     # The file is flushed now and then, after the last of these updates
-    first, last = (json.loads(line)["time/wall"] for line in (lines[0], lines[-1]))
+    first, last = (float(json.loads(line)["time/wall"]) for line in (lines[0], lines[-1]))
     return seen - (last - first)

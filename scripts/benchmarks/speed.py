@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import gc
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import product
 from time import process_time
 from typing import Any
@@ -31,13 +32,15 @@ def sampling(repeats: int) -> list[Measurement]:
     """Environment steps a core-second, playing T-mazes with an LSTM of 10 cells."""
     cases = list(product(("random walk", "straight east"), (10, 100), (20, 100, 1000)))
     players = [_rpg(corridor, batch, straight=walk == "straight east") for walk, corridor, batch in cases]
+    for player in players:
+        player.play_batch(player.batch_size)  # what is loaded or compiled at first use
     speeds: list[list[float]] = [[] for _ in cases]
     for _ in _rounds(repeats):
         for player, speed in zip(players, speeds, strict=True):
             steps, seconds = 0, 0.0
             while seconds < SAMPLE_SECONDS:
                 start = process_time()
-                episodes = player.play_batch(player.config.batch_size)
+                episodes = player.play_batch(player.batch_size)
                 seconds += process_time() - start
                 steps += episodes.steps
             speed.append(steps / seconds)
@@ -60,41 +63,47 @@ def update(repeats: int) -> list[Measurement]:
         algorithm = _rpg(corridor, 20, straight=straight)
         lstm = copy.deepcopy(algorithm.policy.core)
         assert isinstance(lstm, nn.LSTM)
-        whole, bare, longest = [], [], []
-        phases: dict[str, list[float]] = {"sample": [], "gradient": [], "step": []}
+        algorithm.update()  # what is loaded or compiled at first use
+        times: dict[str, list[float]] = {name: [] for name in ("whole", "sample", "gradient", "step", "bare")}
         for _ in _rounds(repeats * UPDATES):
-            episodes = _next_batch(algorithm)
-            observations = torch.from_numpy(episodes.observations)
+            observations = torch.from_numpy(_next_batch(algorithm).observations)
             start = process_time()
             metrics = algorithm.update()
             middle = process_time()
             _forward_backward(lstm, observations)
-            end = process_time()
-            whole.append(1e3 * (middle - start))
-            bare.append(1e3 * (end - middle))
-            longest.append(len(observations))
-            for phase, seconds in phases.items():
-                seconds.append(1e3 * metrics[f"time/{phase}"])
-        walk = f"T = {corridor + 1}" if straight else f"N = {corridor}, random walk, T = {int(np.median(longest))}"
-        case = f"batch 20, {walk}"
-        ms = {"benchmark": "update", "unit": "ms"}
-        ratios = np.quantile(np.divide(whole, bare), [0.25, 0.75]).tolist()
-        rows += [
-            Measurement.of(whole, what=f"RPG update, {case}", **ms),
-            *(Measurement.of(seconds, what=f"of which {phase}, {case}", **ms) for phase, seconds in phases.items()),
-            Measurement.of(bare, what=f"bare nn.LSTM, {case}", **ms),
-            Measurement(
-                benchmark="update",
-                what=f"ratio of medians, {case}",
-                unit="",
-                median=float(np.median(whole) / np.median(bare)),
-                low=ratios[0],
-                high=ratios[1],
-                repeats=len(whole),
-                at_most=1.5,
-            ),
-        ]
+            times["bare"].append(process_time() - middle)
+            times["whole"].append(middle - start)
+            for phase in ("sample", "gradient", "step"):
+                times[phase].append(metrics[f"time/{phase}"])
+        walk = f"T = {corridor + 1}" if straight else f"random walk, N = {corridor}"
+        rows += _update_rows(f"batch 20, {walk}", times)
     return rows
+
+
+def _update_rows(case: str, times: dict[str, list[float]]) -> list[Measurement]:
+    names = {
+        "whole": ("RPG update", "core-ms"),
+        "sample": ("of which sampling", "ms"),  # measured by RPG, which looks at the clock
+        "gradient": ("of which gradient", "ms"),
+        "step": ("of which step", "ms"),
+        "bare": ("bare nn.LSTM", "core-ms"),
+    }
+    ratio = Measurement.of(
+        np.divide(times["whole"], times["bare"]).tolist(),
+        benchmark="update",
+        what=f"RPG update / bare nn.LSTM, {case}",
+        unit="",
+        at_most=1.5,
+    )
+    return [
+        *(
+            Measurement.of(
+                [1e3 * seconds for seconds in times[name]], benchmark="update", what=f"{words}, {case}", unit=unit
+            )
+            for name, (words, unit) in names.items()
+        ),
+        replace(ratio, median=float(np.median(times["whole"]) / np.median(times["bare"]))),  # not of the ratios
+    ]
 
 
 def _rpg(corridor: int, batch: int, *, straight: bool) -> RPG:
@@ -106,7 +115,6 @@ def _rpg(corridor: int, batch: int, *, straight: bool) -> RPG:
     if straight:
         with torch.no_grad():
             algorithm.policy.readout.bias[EAST] = 10.0
-    algorithm.update()  # what is loaded or compiled at first use
     return algorithm
 
 

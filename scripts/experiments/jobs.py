@@ -6,7 +6,7 @@ import json
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,7 +88,7 @@ class RunLog:
             os.close(file)
 
 
-def run_all(jobs: Iterable[Job], processes: int) -> Iterator[tuple[Job, Outcome]]:
+def run_all(jobs: Iterable[Job], processes: int) -> Generator[tuple[Job, Outcome], None, None]:
     """Make runs, in any order, in processes of one torch thread each; yields what comes out as it does.
 
     Raises:

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import takewhile
 
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
+from scripts.arguments import at_least
 from scripts.experiments.experiment import Cell, Experiment, Method
 from scripts.experiments.tmaze_figures import draw_corridors, draw_long, draw_peers
 from scripts.experiments.tmaze_reported import (
@@ -55,12 +56,10 @@ def add_options(
         unknown = [name for name in text.split(",") if name not in known]
         if unknown:
             raise ArgumentTypeError(f"unknown method {unknown[0]!r}: choose from {', '.join(known)}")
-        return [known[name] for name in text.split(",")]
+        return [known[name] for name in dict.fromkeys(text.split(","))]
 
     def lengths(text: str) -> list[int]:
-        if not all(part.isdecimal() and int(part) > 0 for part in text.split(",")):
-            raise ArgumentTypeError(f"expected corridor lengths such as 10,30,50, got {text!r}")
-        return sorted({int(part) for part in text.split(",")})
+        return sorted({at_least(1)(part) for part in text.split(",")})
 
     defaults = ",".join(map(str, corridors)), ",".join(method.name for method in methods)
     parser.add_argument(
@@ -71,7 +70,7 @@ def add_options(
         help=f"of {', '.join(known)}; default: {defaults[1]}",
     )  # fmt: skip
     parser.add_argument(
-        "--step-limit", type=int, default=limit, metavar="STEPS",
+        "--step-limit", type=at_least(1), default=limit, metavar="STEPS",
         help=f"steps after which a run has failed; default: {limit or 'the configuration says'}",
     )  # fmt: skip
 

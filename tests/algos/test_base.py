@@ -109,7 +109,7 @@ def test_predict_remembers_and_forgets_where_an_episode_begins() -> None:
     observation, _ = env.reset(seed=0)
     action, memory = rpg.predict(observation, deterministic=True)
     assert action in env.action_space
-    again, after = rpg.predict(observation, memory, deterministic=True)
+    _, after = rpg.predict(observation, memory, deterministic=True)
     assert not np.array_equal(memory, after)
     _, fresh = rpg.predict(observation, after, episode_start=True, deterministic=True)
     np.testing.assert_array_equal(fresh, memory)
