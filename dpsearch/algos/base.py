@@ -161,15 +161,16 @@ class Algorithm(ABC, Generic[ConfigT]):
         limits = (total_steps, total_episodes, total_updates)
         if all(limit is None for limit in limits) and not until_solved and callback is None:
             raise ValueError("learn() needs total_steps, total_episodes, total_updates, until_solved or a callback")
-        while not (until_solved and self.solved):
-            counts = (self.env_steps, self.episodes, self.updates)
-            if any(limit is not None and count >= limit for count, limit in zip(counts, limits, strict=True)):
-                break
-            metrics = self.update()
-            if until_solved:
-                self.solved = self.check_solved()
-            if callback is not None and callback(self, metrics) is False:
-                break
+        with one_torch_thread():
+            while not (until_solved and self.solved):
+                counts = (self.env_steps, self.episodes, self.updates)
+                if any(limit is not None and count >= limit for count, limit in zip(counts, limits, strict=True)):
+                    break
+                metrics = self.update()
+                if until_solved:
+                    self.solved = self.check_solved()
+                if callback is not None and callback(self, metrics) is False:
+                    break
         return self
 
     def play_batch(self, n_episodes: int) -> Episodes:

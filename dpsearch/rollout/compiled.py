@@ -71,15 +71,10 @@ class CompiledRollouts:
         greedy: bool = False,
         record: bool = True,
     ) -> Episodes:
-        """Play whole episodes with one policy.
+        """Play whole episodes with one policy; see ``Rollouts.collect``.
 
-        Args:
-            policy: Whose actions to take.
-            n_episodes: Episodes B to play.
-            key: 64-bit key of the randomness (``kernels.philox.stream_key``).
-            first_episode: Number of the first episode: (key, number) is all an episode's randomness depends on.
-            greedy: Take the most probable action instead of a random one.
-            record: False leaves observations, actions and rewards out, ``(0, B, ..)``: enough to evaluate.
+        Raises:
+            ValueError: If the policy does not fit the environment.
         """
         if n_episodes < 1:
             raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
@@ -96,18 +91,10 @@ class CompiledRollouts:
         episodes: ArrayLike,
         greedy: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Play episodes with many weight vectors.
+        """Play episodes with many weight vectors; see ``Rollouts.evaluate``.
 
-        Args:
-            policy: The architecture; its own weights are not used.
-            population: ``(N, P)`` weight vectors.
-            key: 64-bit key of the randomness.
-            episodes: ``(N, E)`` episode numbers that each candidate plays. Rows that are equal give all candidates
-                the same start states and noise (common random numbers).
-            greedy: Take the most probable action instead of a random one.
-
-        Returns:
-            Undiscounted returns ``(N, E)`` and lengths ``(N, E)`` in steps.
+        Raises:
+            ValueError: If the policy does not fit the environment, or the arrays do not fit the policy.
         """
         weights, numbers = check_population(policy, population, episodes)
         candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])

@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 
 from dpsearch.algos import RPG
 from dpsearch.algos.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
@@ -31,6 +32,17 @@ def test_seeds_differ_in_weights_and_in_episodes() -> None:
     one, other = make(seed=1), make(seed=2)
     assert (one.policy.vector() != other.policy.vector()).all()
     assert one.training_key != other.training_key
+
+
+def test_learning_leaves_torch_its_threads_and_uses_one() -> None:
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        seen: list[int] = []
+        make().learn(total_updates=1, callback=lambda *_: seen.append(torch.get_num_threads()))
+        assert (seen, torch.get_num_threads()) == ([1], 2)
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_learning_stops_at_each_kind_of_limit() -> None:
