@@ -23,7 +23,7 @@ from dpsearch.kernels.lanes import (
     noise_rows,
 )
 from dpsearch.policies.recurrent import RecurrentPolicy
-from dpsearch.rollout.episodes import Episodes
+from dpsearch.rollout.episodes import Episodes, clear_padding
 from dpsearch.rollout.lanes import play
 from dpsearch.rollout.protocol import check_fit, check_population
 
@@ -135,10 +135,10 @@ class CompiledRollouts:
         )
         queue = np.zeros(1, np.int64)
         jobs = (np.uint64(key), episodes, candidates, self.max_steps, queue)
-        n, steps = len(episodes), self.max_steps if record else 0  # pages of zeros cost nothing until written
-        observations = np.zeros((steps, n, kernel.observation_size), np.float32)
-        actions = np.zeros((steps, n, kernel.action_size), np.float32)
-        rewards = np.zeros((steps, n), np.float32)
+        n, steps = len(episodes), self.max_steps if record else 0  # memory costs nothing until it is written
+        observations = np.empty((steps, n, kernel.observation_size), np.float32)
+        actions = np.empty((steps, n, kernel.action_size), np.float32)
+        rewards = np.empty((steps, n), np.float32)
         returns, lengths, terminated = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
 
         def block(_: int) -> None:
@@ -153,4 +153,6 @@ class CompiledRollouts:
                 self._pool = ThreadPoolExecutor(self.threads)
             list(self._pool.map(block, range(self.threads)))
         longest = int(lengths.max()) if record else 0
-        return Episodes(observations[:longest], actions[:longest], rewards[:longest], lengths, terminated, returns)
+        played = observations[:longest], actions[:longest], rewards[:longest]
+        clear_padding(*played, lengths)
+        return Episodes(*played, lengths, terminated, returns)

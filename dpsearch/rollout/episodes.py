@@ -23,6 +23,21 @@ def _discount(rewards, lengths, gamma, returns):  # type: ignore[no-untyped-def]
                 returns[t, b] = carried[b]
 
 
+@njit(
+    types.void(types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1], types.int64[::1]),
+    cache=True,
+    nogil=True,
+)
+def clear_padding(observations, actions, rewards, lengths):  # type: ignore[no-untyped-def]
+    """Zero what lies beyond the end of each episode, in arrays (T, B, ..)."""
+    for t in range(rewards.shape[0]):
+        for b in range(lengths.shape[0]):
+            if t >= lengths[b]:
+                observations[t, b] = 0.0
+                actions[t, b] = 0.0
+                rewards[t, b] = 0.0
+
+
 @dataclass(frozen=True)
 class Episodes:
     """B episodes, the longest of T steps.
