@@ -1,10 +1,10 @@
 PYTHON ?= python
 
 .DEFAULT_GOAL := help
-.PHONY: help install format lint type test bench docs
+.PHONY: help install format lint type test bench docs clean-cache
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 install: ## Install in place, with everything a developer needs
 	$(PYTHON) -m pip install -e ".[dev]"
@@ -28,3 +28,6 @@ bench: ## Measure every speed the README names
 
 docs: ## Compute the tables and figures of docs/results again (a long time)
 	$(PYTHON) scripts/reproduce.py fig_3_4
+
+clean-cache: ## Delete what Numba compiled; needed after a change in dpsearch/kernels
+	find . \( -name '*.nbi' -o -name '*.nbc' \) -delete

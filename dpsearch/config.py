@@ -8,6 +8,7 @@ Ranges are checked where the values are used, or in ``__post_init__`` here; eith
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -36,6 +37,11 @@ class EnvConfig:
     gamma: float = MISSING
     max_episode_steps: int | None = None
     reward_threshold: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the key if a value is out of range."""
+        if self.reward_threshold is not None and not math.isfinite(self.reward_threshold):
+            raise ValueError(f"reward_threshold must be finite, got {self.reward_threshold}")
 
     def recipe(self) -> EnvRecipe:
         """How to make the environment."""

@@ -74,7 +74,7 @@ def watch(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespac
         try:
             import pygame
         except ImportError as error:
-            raise RunError("a window needs pygame: pip install pygame") from error
+            raise RunError('a window needs pygame: pip install "dpsearch[render]"') from error
         no_window = pygame.error
     try:
         return _play(policy, recipe, options, mode)
@@ -106,7 +106,7 @@ def _film(options: argparse.Namespace, frames_per_second: float) -> Film | None:
 
 def _report(evaluation: Evaluation, *, greedy: bool) -> str:
     returns, lengths = evaluation.returns, evaluation.lengths
-    error = f" ± {evaluation.standard_error:.2g}" if len(returns) > 1 else ""
+    error = f" ± {round(evaluation.standard_error, 9):.2g}" if len(returns) > 1 else ""
     return "\n".join(
         [
             f"{len(returns)} episode{'s' * (len(returns) > 1)} of the {'greedy' if greedy else 'stochastic'} policy",
@@ -138,15 +138,22 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"must be a whole number, got {text!r}") from error
+
+
 def _positive(text: str) -> int:
-    number = int(text)
+    number = _whole(text)
     if number < 1:
         raise argparse.ArgumentTypeError(f"must be at least 1, got {number}")
     return number
 
 
 def _seed(text: str) -> int:
-    number = int(text)
+    number = _whole(text)
     if not 0 <= number < 2**64:
         raise argparse.ArgumentTypeError(f"must be in [0, 2**64), got {number}")
     return number

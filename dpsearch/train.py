@@ -8,8 +8,10 @@ import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
+from signal import Signals
 from typing import Any
 
 import hydra
@@ -17,6 +19,7 @@ import torch
 from hydra.conf import HydraConf
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -62,6 +65,8 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         CheckpointError: If the run to go on with has no checkpoint that can be read.
         SystemExit: If a signal ended it, once the checkpoint is written.
     """
+    if hydra_config.mode == RunMode.MULTIRUN and config.run_dir and not OmegaConf.is_interpolation(config, "run_dir"):
+        raise RunError("run_dir is one directory, and a sweep needs several: leave it out, or say 'run_dir=X/${seed}'")
     torch.set_num_threads(1)  # fastest at these sizes; and nothing may depend on how many there are
     resumed = None if config.resume is None else RunDirectory(Path(config.resume))
     if resumed is None:
@@ -76,26 +81,26 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
     directory = resumed or _new_directory(settings, choices)
     if resumed is None:
         directory.begin(config, hydra_config)
-    with Run(
-        directory,
-        algorithm,
-        recipe,
-        limits,
-        hyperparameters=_hyperparameters(config),
-        checkpoint_seconds=settings.checkpoint_seconds,
-        progress=settings.progress,
-    ) as run:
-        directory.write_config(config)  # the limits may be new
-        print(f"{algorithm.name} on {recipe.id}, seed {algorithm.seed}: {directory.path}", file=sys.stderr)
-        try:
-            signal = run.learn()
-        except FloatingPointError as error:
-            raise RunError(f"{error}; the run so far is in {directory.path}") from error
-        if signal is not None:
-            resume = _command(f"resume={directory.path}")
-            print(f"{signal.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)
-            sys.exit(128 + signal)
-        print(_report(directory, run.finish(settings.evaluation_episodes)))
+    try:
+        with Run(
+            directory,
+            algorithm,
+            recipe,
+            limits,
+            hyperparameters=_hyperparameters(config),
+            checkpoint_seconds=settings.checkpoint_seconds,
+            progress=settings.progress,
+        ) as run:
+            directory.write_config(config)  # the limits may be new
+            print(f"{algorithm.name} on {recipe.id}, seed {algorithm.seed}: {directory.path}", file=sys.stderr)
+            outcome = run.learn() or run.finish(settings.evaluation_episodes)
+    except (FloatingPointError, OSError) as error:  # OSError: the disk is full
+        raise RunError(f"{error}; the run so far is in {directory.path}") from error
+    if isinstance(outcome, Signals):
+        resume = _command(f"resume={directory.path}")
+        print(f"{outcome.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)
+        sys.exit(128 + outcome)
+    print(_report(directory, outcome))
 
 
 def _saved(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> tuple[DictConfig, dict[str, str]]:
@@ -142,10 +147,24 @@ def _algorithm(
     """The algorithm as the checkpoint has it, or a new one."""
     if resumed is not None and resumed.has_begun:
         return kind.load(resumed.checkpoint, env=rollouts)
+    _check_optimizer(settings.algo)
     try:
         return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed)
-    except (UnsupportedSpaceError, ValueError, TypeError) as error:  # TypeError: unknown optimizer_options
-        raise RunError(str(error)) from error
+    except (UnsupportedSpaceError, ValueError, TypeError) as error:
+        sections = {"policy": settings.policy, "algo": settings.algo}
+        keys = {key.name: f"{section}." for section, values in sections.items() for key in fields(values)}
+        raise RunError(keys.get(str(error).partition(" ")[0], "") + str(error)) from error
+
+
+def _check_optimizer(algo: Any) -> None:
+    """Try the optimizer's options, if the algorithm takes any: what PyTorch says of them does not name the key."""
+    options = getattr(algo, "optimizer_options", {})
+    if not options:
+        return
+    try:
+        getattr(torch.optim, algo.optimizer)([torch.nn.Parameter(torch.zeros(1))], lr=algo.learning_rate, **options)
+    except (TypeError, ValueError) as error:
+        raise RunError(f"algo.optimizer_options: {error}") from error
 
 
 def _hyperparameters(config: DictConfig) -> dict[str, Any]:
@@ -164,7 +183,7 @@ def _report(directory: RunDirectory, summary: dict[str, Any]) -> str:
     """What a finished run says in the end."""
     threshold, path = summary["reward_threshold"], shlex.quote(str(directory.path))
     achieved = [
-        f"{summary[f'return_{kind}']:.4g} ± {summary[f'return_{kind}_se']:.2g} {kind}"
+        f"{summary[f'return_{kind}']:.4g} ± {round(summary[f'return_{kind}_se'], 9):.2g} {kind}"
         for kind in ("stochastic", "greedy")
     ]
     if threshold is not None:

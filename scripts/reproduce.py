@@ -12,6 +12,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
+from itertools import zip_longest
 from pathlib import Path
 
 from tqdm import tqdm
@@ -56,9 +57,10 @@ def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) ->
         how: The command line, in words.
     """
     cells = experiment.cells(args)
-    seeds = range(args.seed, args.seed + args.runs)
-    jobs = [cell.jobs(experiment.run, seeds) for cell in cells]
-    outcomes = make_runs([job for same_seed in zip(*jobs, strict=True) for job in same_seed], log, args.jobs)
+    runs = [args.fewer.get(cell.method.name, args.runs) for cell in cells]
+    jobs = [cell.jobs(experiment.run, range(args.seed, args.seed + n)) for cell, n in zip(cells, runs, strict=True)]
+    by_seed = [job for same_seed in zip_longest(*jobs) for job in same_seed if job is not None]
+    outcomes = make_runs(by_seed, log, args.jobs)
     rows = [
         row
         for cell, own in zip(cells, jobs, strict=True)
@@ -106,12 +108,28 @@ def _parser() -> ArgumentParser:
         own.add_argument(
             "--runs", type=at_least(1), default=experiment.runs, help="runs of each cell; default: %(default)s"
         )
+        own.add_argument(
+            "--fewer",
+            type=_fewer,
+            default={},
+            metavar="METHOD=K,..",
+            help="fewer runs of some methods, such as those whose failing runs take long",
+        )
         own.add_argument("--jobs", type=at_least(1), default=os.cpu_count() or 1, help="processes; default: one a core")
         own.add_argument(
             "--seed", type=at_least(0), default=0, help="the first run's seed, and so on; default: %(default)s"
         )
         own.add_argument("--out", type=Path, default=Path("docs/results"), help="folder; default: %(default)s")
     return parser
+
+
+def _fewer(text: str) -> dict[str, int]:
+    """``elman=5`` as what it means."""
+    fewer = {}
+    for part in text.split(","):
+        method, _, runs = part.partition("=")
+        fewer[method] = at_least(1)(runs)
+    return fewer
 
 
 if __name__ == "__main__":

@@ -126,8 +126,8 @@ def test_a_film_that_cannot_be_written_is_refused(
 @pytest.mark.parametrize(
     ("module", "option", "message"),
     [
-        ("imageio_ffmpeg", "--video", r'pip install "imageio\[ffmpeg\]"'),
-        ("pygame", "--render", "pip install pygame"),
+        ("imageio_ffmpeg", "--video", r'pip install "dpsearch\[video\]"'),
+        ("pygame", "--render", r'pip install "dpsearch\[render\]"'),
     ],
 )
 def test_what_is_not_installed_is_named_with_the_command_that_installs_it(
@@ -155,11 +155,22 @@ def test_a_truncated_policy_is_refused(evaluate: Evaluate, run: Path, tmp_path: 
     assert_refused(evaluate(path=tmp_path), "policy.pt is truncated or not a checkpoint")
 
 
-@pytest.mark.parametrize("arguments", [("--episodes", 0), ("--episodes", "many"), ("--seed", -1)])
-def test_a_wrong_option_is_refused(evaluate: Evaluate, arguments: tuple[object, ...]) -> None:
+def test_a_checkpoint_in_the_place_of_a_policy_is_refused(evaluate: Evaluate, run: Path) -> None:
+    assert_refused(evaluate(path=run / "checkpoint.pt"), "checkpoint.pt is a checkpoint: give policy.pt or the run")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--episodes", 0), "--episodes: must be at least 1, got 0"),
+        (("--episodes", "many"), "--episodes: must be a whole number, got 'many'"),
+        (("--seed", -1), "--seed: must be in"),
+    ],
+)
+def test_a_wrong_option_is_refused(evaluate: Evaluate, arguments: tuple[object, ...], message: str) -> None:
     result = evaluate(*arguments)
     assert result.code == 2
-    assert str(arguments[0]) in result.err
+    assert message in result.err
 
 
 def test_a_saved_policy_acts_as_before(tmp_path: Path) -> None:

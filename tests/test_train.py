@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import re
@@ -12,6 +13,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from dpsearch.runs import RunDirectory
 from tests.application import ROOT, Outcome, metrics, start, summary, train
 
 # A run that takes about a tenth of a second, and goes on after it would be solved
@@ -217,6 +219,22 @@ def test_a_signal_saves_the_run_and_says_how_to_go_on(
     assert metrics(run) == metrics(tmp_path / "other")
 
 
+def test_a_signal_during_the_final_evaluation_says_how_to_go_on(uninterrupted: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    send = (
+        "import os, signal\nfrom dpsearch.algos import RPG\nevaluate = RPG.evaluate\n"
+        "def interrupted(*a, **k):\n  os.kill(os.getpid(), signal.SIGTERM)\n  return evaluate(*a, **k)\n"
+        "RPG.evaluate = interrupted"
+    )
+    process = start(*SMALL, f"run_dir={run}", "progress=false", first=send)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert err.splitlines()[1:] == [f"SIGTERM after update 60; to go on: dpsearch-train resume={run}"]
+    assert not (run / "summary.json").exists()
+    assert train(f"resume={run}").code == 0
+    assert_same_run(run, uninterrupted)
+
+
 def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_path: Path) -> None:
     assert train(f"resume={copy}", "total_updates=70", "rollout.threads=2", "progress=false").code == 0
     assert train(*SMALL, "total_updates=70", f"run_dir={tmp_path / 'long'}").code == 0
@@ -245,9 +263,15 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("env.max_episode_steps=0", "max_episode_steps must be at least 1"),
         ("algo.gamma=2", r"algo\.gamma must be in \(0, 1\], got 2"),
         ("algo.optimizer=Bogus", r"algo\.optimizer must be a class"),
-        ("algo.optimizer_options.bogus=1", "bogus"),
-        ("algo.variance_scaled=true", "variance_scaled needs a Gaussian policy"),
-        ("policy.core=bogus", "core must be"),
+        ("algo.optimizer_options.bogus=1", r"algo\.optimizer_options: .*bogus"),
+        ("algo.optimizer_options={momentum:foo}", r"algo\.optimizer_options: "),
+        ("algo.optimizer_options={lr:1}", r"algo\.optimizer_options: .*'lr'"),
+        ("algo.variance_scaled=true", r"algo\.variance_scaled needs a Gaussian policy"),
+        ("policy.core=bogus", r"policy\.core must be"),
+        ("policy.init_range=-1", r"policy\.init_range must be finite and at least 0, got -1"),
+        ("policy.forget_bias=.inf", r"policy\.forget_bias must be finite, got inf"),
+        ("env.reward_threshold=nan", r"env\.reward_threshold must be finite, got nan"),
+        ("-m seed=0,1", "run_dir is one directory, and a sweep needs several"),
         ("rollout.threads=0", r"rollout\.threads must be at least 1"),
         ("total_steps=0", "total_steps must be at least 1"),
         ("seed=-1", "seed must be in"),
@@ -324,6 +348,18 @@ def test_numbers_that_are_not_finite_end_the_run_in_one_line(tmp_path: Path, mon
     assert outcome.err.splitlines()[1:] == [
         f"error: the gradient is not finite; the run so far is in {tmp_path / 'run'}"
     ]
+
+
+@pytest.mark.parametrize("method", ["write_summary", "write_config"])
+def test_a_full_disk_ends_the_run_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    def fail(self: RunDirectory, _: object) -> None:
+        if self.metrics.exists():
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(RunDirectory, method, fail)
+    outcome = train(*SMALL, f"run_dir={tmp_path / 'run'}", "progress=false")
+    assert outcome.code == 2
+    assert re.search(r"error: .*No space left on device; the run so far is in", outcome.err.splitlines()[-1])
 
 
 # The command itself

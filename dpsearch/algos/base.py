@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
+import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions
 from dpsearch.rollout import EnvSource, Episodes, Rollouts, make_rollouts
 
-TRAINING, EVALUATION, WEIGHTS = 1, 2, 3  # purposes of a seed's streams
+TRAINING, EVALUATION, WEIGHTS, SOLVING = 1, 2, 3, 4  # purposes of a seed's streams
 RECENT_EPISODES = 100  # training episodes whose mean return is reported, and evaluation episodes that decide "solved"
 
 Env = EnvSource | Rollouts
@@ -60,7 +61,7 @@ class Evaluation:
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Let torch use one thread: the fastest at the sizes of a small controller, and the same sums on any machine."""
+    """Let torch use one thread: the fastest at the sizes of a small controller, and sums that do not depend on more."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -81,7 +82,8 @@ class Algorithm(ABC, Generic[ConfigT]):
         policy: The policy to train, or the architecture of a new one.
         seed: Seed of everything random, in [0, 2**64).
         threads: Threads of the lane engine; results do not depend on it.
-        env_kwargs: Arguments of the environment, when ``env`` is an id.
+        env_kwargs: Arguments of the environment, when ``env`` is an id or a factory.
+        max_episode_steps: Step limit of an episode, in place of the environment's own.
         **overrides: Single settings of ``config``, by name.
 
     Raises:
@@ -102,6 +104,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         seed: int = 0,
         threads: int = 1,
         env_kwargs: dict[str, Any] | None = None,
+        max_episode_steps: int | None = None,
         **overrides: Any,
     ) -> None:
         settings: Any = self.config_type() if config is None else config
@@ -109,10 +112,14 @@ class Algorithm(ABC, Generic[ConfigT]):
         self.seed = seed
         self.training_key = stream_key(seed, TRAINING)
         self.evaluation_key = stream_key(seed, EVALUATION)
+        self.solving_key = stream_key(seed, SOLVING)
         self.env_id = env if isinstance(env, str) else None
         self.env_kwargs = env_kwargs or {}
+        self.max_episode_steps = max_episode_steps
         self.rollouts: Rollouts = (
-            env if _is_rollouts(env) else make_rollouts(env, threads=threads, env_kwargs=env_kwargs)
+            env
+            if _is_rollouts(env)
+            else make_rollouts(env, threads=threads, env_kwargs=env_kwargs, max_episode_steps=max_episode_steps)
         )
         if isinstance(policy, RecurrentPolicy):
             self.policy = policy
@@ -198,23 +205,35 @@ class Algorithm(ABC, Generic[ConfigT]):
             return False
         if np.mean(self.recent_returns) < threshold:
             return False
-        return self.evaluate(RECENT_EPISODES).mean_return >= threshold
+        played = self.rollouts.collect(
+            self.policy,
+            RECENT_EPISODES,
+            key=self.solving_key,  # of its own: what stopped the training must not also be what reports its success
+            first_episode=self.updates * RECENT_EPISODES,
+            record=False,
+        )
+        return float(played.returns.mean()) >= threshold
 
     def evaluate(self, n_episodes: int = 100, *, deterministic: bool = False) -> Evaluation:
-        """Play episodes without learning from them.
+        """Play episodes without learning from them; other ones after each update.
 
         Args:
-            n_episodes: How many.
+            n_episodes: How many, at most 2**24.
             deterministic: Greedy actions instead of sampled ones.
+
+        Raises:
+            FloatingPointError: If the environment paid a reward that is not finite.
         """
         episodes = self.rollouts.collect(
             self.policy,
             n_episodes,
             key=self.evaluation_key,
-            first_episode=self.updates * RECENT_EPISODES,
+            first_episode=self.updates << 24,
             greedy=deterministic,
             record=False,
         )
+        if not np.isfinite(episodes.returns).all():
+            raise FloatingPointError("the environment paid a reward that is NaN or infinite in an evaluation episode")
         return Evaluation(episodes.returns, episodes.lengths)
 
     def predict(
@@ -236,12 +255,16 @@ class Algorithm(ABC, Generic[ConfigT]):
             The action, or ``(B, ..)`` actions, in the environment's own units; and the memory to pass next time.
         """
         space = self.rollouts.observation_space
-        single = space.contains(observation)
+        single = (
+            np.ndim(observation) == len(space.shape or ())
+            if isinstance(space, gym.spaces.Box)  # whose observations may be of another precision, or beyond its bounds
+            else space.contains(observation)
+        )
         flat = flatten_observations(space, batch_one(space, observation) if single else observation)
         memory = np.zeros((len(flat), self.policy.state_size), np.float32) if state is None else state.copy()
         if episode_start is not None:
             memory[np.broadcast_to(episode_start, len(flat))] = 0.0
-        uniforms = None if deterministic else self._predictions.random((len(flat), self.policy.head.draws))
+        uniforms = None if deterministic else 1.0 - self._predictions.random((len(flat), self.policy.head.draws))
         actions, after = self.policy.act(
             torch.from_numpy(flat),
             torch.from_numpy(memory),
@@ -280,37 +303,52 @@ class Algorithm(ABC, Generic[ConfigT]):
                 "policy": self.policy.config(),
                 "env": self.env_id,
                 "env_kwargs": self.env_kwargs,
+                "max_episode_steps": self.max_episode_steps,
                 "seed": self.seed,
                 "state": self.state_dict(),
             },
         )
 
     @classmethod
-    def load(cls, path: str | PathLike[str], env: Env | None = None, *, threads: int = 1) -> Self:
+    def load(
+        cls,
+        path: str | PathLike[str],
+        env: Env | None = None,
+        *,
+        env_kwargs: dict[str, Any] | None = None,
+        threads: int = 1,
+    ) -> Self:
         """The algorithm as ``save`` left it.
 
         Args:
             path: The file.
             env: The environment; may be left out if it was given by its id.
+            env_kwargs: Arguments of the environment; those saved if None and ``env`` is an id, a factory or left out.
             threads: Threads of the lane engine.
 
         Raises:
-            CheckpointError: If the file is truncated, corrupt, of another algorithm, or needs ``env``.
+            CheckpointError: If the file is truncated, corrupt, of another algorithm, or does not fit ``env``.
         """
         content = read_checkpoint(path)
-        if content["algo"] != cls.name:
-            raise CheckpointError(f"{path} was saved by algorithm {content['algo']!r}, not {cls.name!r}")
+        if content.get("algo") != cls.name:
+            raise CheckpointError(f"{path} was saved by {content.get('algo')!r}, not by algorithm {cls.name!r}")
         if env is None and content["env"] is None:
             raise CheckpointError(f"{path} does not know its environment's id: give load(path, env=...)")
+        source: Env = content["env"] if env is None else env
+        to_make = isinstance(source, str) or (callable(source) and not _is_rollouts(source))
         algorithm = cls(
-            content["env"] if env is None else env,
+            source,
             cls.config_type(**content["config"]),
             policy=PolicyConfig(**content["policy"]),
             seed=content["seed"],
             threads=threads,
-            env_kwargs=content["env_kwargs"] if env is None or isinstance(env, str) else None,
+            env_kwargs=content["env_kwargs"] if env_kwargs is None and to_make else env_kwargs,
+            max_episode_steps=content["max_episode_steps"] if to_make else None,
         )
-        algorithm.load_state_dict(content["state"])
+        try:
+            algorithm.load_state_dict(content["state"])
+        except (KeyError, RuntimeError, ValueError) as error:
+            raise CheckpointError(f"{path} does not fit this environment: {str(error).splitlines()[0]}") from error
         return algorithm
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,20 @@ def write_checkpoint(path: str | os.PathLike[str], content: dict[str, Any]) -> N
     """Write tensors, numbers, strings and containers of these, atomically.
 
     Raises:
+        CheckpointError: If something in it is of another kind, and could not be read again.
         OSError: If the folder is missing or not writable.
     """
     path = Path(path)
+    buffer = BytesIO()
+    try:
+        torch.save({"format": FORMAT, "versions": versions(), **content}, buffer)
+        buffer.seek(0)
+        torch.load(buffer, weights_only=True)
+    except Exception as error:
+        raise CheckpointError(f"{path} would not be readable: {str(error).splitlines()[0]}") from error
     beside = path.with_name(f".{path.name}.part")
     with open(beside, "wb") as file:
-        torch.save({"format": FORMAT, "versions": versions(), **content}, file)
+        file.write(buffer.getbuffer())
         file.flush()
         os.fsync(file.fileno())
     os.replace(beside, path)

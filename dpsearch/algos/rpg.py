@@ -11,6 +11,7 @@ whole batch gives the exact gradient of that sum, memory included.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
@@ -24,6 +25,14 @@ from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes
 
+OPTIMIZERS = sorted(
+    name
+    for name, kind in vars(torch.optim).items()
+    if isinstance(kind, type) and issubclass(kind, torch.optim.Optimizer)
+    # the first is the base class, the others need a closure, sparse gradients, or matrices
+    if name not in ("Optimizer", "LBFGS", "SparseAdam", "Muon")
+)
+
 
 @dataclass
 class RPGConfig:
@@ -32,7 +41,7 @@ class RPGConfig:
     Attributes:
         batch_size: Episodes N of one update; the thesis's standard elsewhere is 1.
         gamma: Discount factor of the returns R_t, in (0, 1].
-        optimizer: Name of a class in ``torch.optim``.
+        optimizer: Name of a class in ``torch.optim`` (those in ``OPTIMIZERS``).
         learning_rate: Its step size alpha.
         optimizer_options: Its other arguments, such as ``{momentum: 0.9}``.
         gradient_length: Length that the gradient is normalised to before the step; None leaves it as it is.
@@ -64,9 +73,9 @@ class RPGConfig:
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field if a value is out of range."""
         accepted = {
-            "batch_size": (self.batch_size >= 1, "at least 1"),
+            "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 1, "a whole number, at least 1"),
             "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
-            "learning_rate": (self.learning_rate > 0.0, "positive"),
+            "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
             "gradient_length": (
                 self.gradient_length is None or self.gradient_length > 0.0,
                 "positive or null",
@@ -100,11 +109,22 @@ class RPG(Algorithm[RPGConfig]):
         seed: int = 0,
         threads: int = 1,
         env_kwargs: dict[str, Any] | None = None,
+        max_episode_steps: int | None = None,
         **overrides: Any,
     ) -> None:
-        super().__init__(env, config, policy=policy, seed=seed, threads=threads, env_kwargs=env_kwargs, **overrides)
+        super().__init__(
+            env,
+            config,
+            policy=policy,
+            seed=seed,
+            threads=threads,
+            env_kwargs=env_kwargs,
+            max_episode_steps=max_episode_steps,
+            **overrides,
+        )
         if self.config.variance_scaled:
-            self.policy.head.variance(torch.zeros(1, self.policy.head.n_outputs))  # refused now, not when it learns
+            head = self.policy.head  # refused now, not when it learns
+            head.scaled_log_prob(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size))
         self.baseline: Baseline = (
             ConstantBaseline(self.config.baseline_episodes)
             if self.config.baseline == "constant"
@@ -149,11 +169,12 @@ class RPG(Algorithm[RPGConfig]):
         returns = torch.from_numpy(episodes.returns_to_go(config.gamma))  # R_t, (T, N), section 2.1
         features, _ = self.policy.remember(torch.from_numpy(episodes.observations))  # (T, N, H), one fused call
         outputs = self.policy.read_out(features)  # (T, N, K)
+        if episodes.lengths.min() < len(outputs):
+            outputs = torch.where(mask[..., None], outputs, 0.0)  # what the policy would do on padding must not matter
         baseline, baseline_loss = self.baseline(features, returns, mask)
         advantages = (returns - baseline) * mask  # R_t - b, (T, N)
-        if config.variance_scaled:
-            advantages = advantages * head.variance(outputs)
-        objective = (head.log_prob(outputs, torch.from_numpy(episodes.actions)) * advantages).sum()
+        log_prob = head.scaled_log_prob if config.variance_scaled else head.log_prob
+        objective = (log_prob(outputs, torch.from_numpy(episodes.actions)) * advantages).sum()
         if baseline_loss is not None:
             objective = objective - baseline_loss
         with torch.no_grad():
@@ -166,9 +187,9 @@ class RPG(Algorithm[RPGConfig]):
         length = float(torch.nn.utils.get_total_norm(gradients))
         if not np.isfinite(length):
             raise FloatingPointError(
-                f"the gradient of update {self.updates} is not finite: lower learning_rate or gradient_length"
+                f"the gradient of update {self.updates} is not finite: the steps or the rewards are too large"
             )
-        if self.config.gradient_length is not None and length > 0.0:
+        if self.config.gradient_length is not None and length > torch.finfo(torch.float32).tiny:
             torch._foreach_mul_(gradients, self.config.gradient_length / length)
         return length
 

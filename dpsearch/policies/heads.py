@@ -47,8 +47,14 @@ class Head(ABC):
     def mode(self, outputs: Tensor) -> Tensor:
         """The most probable actions ``(..., action_size)``: what the greedy policy does."""
 
-    def variance(self, outputs: Tensor) -> Tensor:
-        """sigma^2 of the actions ``(...)``, without gradient, the mean over their dimensions."""
+    def scaled_log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        """Log pi(a|h) with each dimension's share times its variance, taken as a constant: ``(...)``.
+
+        Its gradient has the eligibilities times sigma^2 of Williams (1992), finite as sigma goes to 0.
+
+        Raises:
+            TypeError: If the distribution is not Gaussian.
+        """
         raise TypeError(f"variance_scaled needs a Gaussian policy, this one's head is {type(self).__name__}")
 
 
@@ -116,11 +122,19 @@ class Gaussian(Head):
     def _mean_and_std(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
         return outputs[..., : self.size], torch.sigmoid(outputs[..., self.size :])
 
-    @override
-    def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+    def _log_probs(self, outputs: Tensor, actions: Tensor) -> Tensor:
         mean, std = self._mean_and_std(outputs)
         log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
-        return (-0.5 * ((actions - mean) / std) ** 2 - log_std - LOG_SQRT_2PI).sum(-1)
+        return -0.5 * ((actions - mean) / std) ** 2 - log_std - LOG_SQRT_2PI
+
+    @override
+    def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        return self._log_probs(outputs, actions).sum(-1)
+
+    @override
+    def scaled_log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        _, std = self._mean_and_std(outputs.detach())
+        return (self._log_probs(outputs, actions) * std.square()).sum(-1)
 
     @override
     def entropy(self, outputs: Tensor) -> Tensor:
@@ -137,10 +151,6 @@ class Gaussian(Head):
     @override
     def mode(self, outputs: Tensor) -> Tensor:
         return outputs[..., : self.size]
-
-    @override
-    def variance(self, outputs: Tensor) -> Tensor:
-        return self._mean_and_std(outputs)[1].detach().square().mean(-1)
 
 
 class Deterministic(Head):

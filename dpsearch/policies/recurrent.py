@@ -6,6 +6,7 @@ backpropagation through time, which ``torch.nn.LSTM`` does in one fused call for
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, cast
 
@@ -66,10 +67,14 @@ class RecurrentPolicy(nn.Module):
     ) -> None:
         if core not in ("lstm", "rnn", "none"):
             raise ValueError(f"core must be 'lstm', 'rnn' or 'none', got {core!r}")
-        if observation_size < 1 or hidden_size < 1:
-            raise ValueError(
-                f"observation_size and hidden_size must be positive, got {observation_size}, {hidden_size}"
-            )
+        for name, size in (("observation_size", observation_size), ("hidden_size", hidden_size)):
+            if size < 1:
+                raise ValueError(f"{name} must be positive, got {size}")
+        if not (math.isfinite(init_range) and init_range >= 0.0):
+            raise ValueError(f"init_range must be finite and at least 0, got {init_range}")
+        for name, added in (("forget_bias", forget_bias), ("input_bias", input_bias)):
+            if not math.isfinite(added):
+                raise ValueError(f"{name} must be finite, got {added}")
         if (forget_bias or input_bias) and (core != "lstm" or not bias):
             raise ValueError(f"forget_bias and input_bias need an LSTM with biases, got core {core!r}, bias {bias}")
         super().__init__()

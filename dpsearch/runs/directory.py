@@ -72,6 +72,9 @@ class RunDirectory:
         """
         if self.config.exists() or self.checkpoint.exists():
             raise RunError(f"{self.path} already holds a run: give resume={self.path}, or another run_dir")
+        for path in (self.policy, self.metrics, self.summary):
+            if path.exists():
+                raise RunError(f"{self.path} already holds a {path.name}, which would be lost: give another run_dir")
         try:
             self.config.parent.mkdir(parents=True, exist_ok=True)
             overrides = OmegaConf.create(list(hydra.overrides.task))
@@ -102,8 +105,16 @@ class RunDirectory:
         _write(self.config, OmegaConf.to_yaml(config, resolve=True))
 
     def write_summary(self, summary: dict[str, Any]) -> None:
-        """Note what came out."""
-        _write(self.summary, json.dumps(summary, indent=2) + "\n")
+        """Note what came out.
+
+        Raises:
+            RunError: If a number is NaN or infinite, which JSON does not know.
+        """
+        try:
+            text = json.dumps(summary, indent=2, allow_nan=False)
+        except ValueError as error:
+            raise RunError(f"cannot write {self.summary}: {error}") from error
+        _write(self.summary, text + "\n")
 
 
 def _write(path: Path, text: str) -> None:

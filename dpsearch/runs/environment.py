@@ -52,6 +52,8 @@ class EnvRecipe:
                 env = ObserveOnly(env, self.observe_only)
         except (gym.error.Error, ImportError, TypeError, ValueError) as error:
             raise RunError(f"cannot make environment {self.id!r}: {error}") from error
+        except Exception as error:  # the environment's own code: its message may make no sense without the type
+            raise RunError(f"cannot make environment {self.id!r}: {type(error).__name__}: {error}") from error
         return env
 
     def rollouts(self, *, threads: int = 1, num_envs: int | None = None) -> Rollouts:

@@ -108,7 +108,7 @@ class Video:
 
     def __init__(self, path: Path, frames_per_second: float) -> None:
         if find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None:
-            raise RunError('videos need imageio and ffmpeg: pip install "imageio[ffmpeg]"')
+            raise RunError('videos need imageio and ffmpeg: pip install "dpsearch[video]"')
         import imageio.v2 as imageio
 
         self.frames_per_second = frames_per_second

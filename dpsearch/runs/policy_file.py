@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 
 from dpsearch.algos import Algorithm
-from dpsearch.algos.checkpoint import read_checkpoint, write_checkpoint
+from dpsearch.algos.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.runs.environment import EnvRecipe
 
@@ -31,10 +31,12 @@ def load_policy(path: str | PathLike[str]) -> tuple[RecurrentPolicy, EnvRecipe]:
     """A policy and the environment it was trained in.
 
     Raises:
-        CheckpointError: If there is no such file, or it is truncated or corrupt.
+        CheckpointError: If there is no such file, it is truncated or corrupt, or it is a run's checkpoint instead.
         RunError: If the environment cannot be made here.
     """
     content = read_checkpoint(path)
+    if not {"architecture", "deterministic", "weights", "env"} <= content.keys():
+        raise CheckpointError(f"{path} is a checkpoint: give policy.pt or the run's directory")
     recipe = EnvRecipe(**content["env"])
     env: gym.Env[Any, Any] = recipe.make()
     policy = RecurrentPolicy.for_spaces(

@@ -30,6 +30,8 @@ POINT_SECONDS = 1.0  # between two points of the TensorBoard curves
 class Run:
     """An algorithm at work in a run's directory; a context manager that closes what it opened.
 
+    While it is entered, a first Ctrl-C or SIGTERM is only noted.
+
     Args:
         directory: Where it is kept.
         algorithm: What learns, as it is now: new, or loaded from the checkpoint.
@@ -68,15 +70,19 @@ class Run:
         self._start = perf_counter() - self._wall  # as if it had never been interrupted
 
     def __enter__(self) -> Run:
+        self._interruption.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._progress.close()
-        self._metrics.close()
-        self._tensorboard.close()
-        self.algorithm.rollouts.close()
+        try:
+            self._progress.close()
+            self._metrics.close()
+            self._tensorboard.close()
+            self.algorithm.rollouts.close()
+        finally:
+            self._interruption.__exit__(kind, error, trace)
 
     def learn(self) -> signal.Signals | None:
         """Learn until a limit is reached or a signal comes, which it returns.
@@ -90,11 +96,10 @@ class Run:
         if not self.directory.checkpoint.exists():
             self.checkpoint()
         before = self.algorithm.updates
-        with self._interruption:
-            self.algorithm.learn(**vars(self.limits), callback=self._after_update)
-            if self.algorithm.updates > before:
-                self._tensorboard.write(self.algorithm.env_steps, perf_counter())
-                self.checkpoint()
+        self.algorithm.learn(**vars(self.limits), callback=self._after_update)
+        if self.algorithm.updates > before:
+            self._tensorboard.write(self.algorithm.env_steps, perf_counter())
+            self.checkpoint()
         self._progress.close()
         return self._interruption.signal
 
@@ -105,11 +110,15 @@ class Run:
         self.algorithm.save(self.directory.checkpoint)
         save_policy(self.directory.policy, self.algorithm, self.recipe)
 
-    def finish(self, evaluation_episodes: int) -> dict[str, Any]:
-        """Find out what the policy achieves, and write the summary, which it returns."""
+    def finish(self, evaluation_episodes: int) -> dict[str, Any] | signal.Signals:
+        """Find out what the policy achieves, and write the summary, which it returns; or the signal that came."""
         algorithm = self.algorithm
         stochastic = algorithm.evaluate(evaluation_episodes)
+        if self._interruption.signal is not None:
+            return self._interruption.signal
         greedy = algorithm.evaluate(evaluation_episodes, deterministic=True)
+        if self._interruption.signal is not None:
+            return self._interruption.signal
         threshold = algorithm.rollouts.reward_threshold
         summary = {
             "algo": algorithm.name,

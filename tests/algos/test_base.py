@@ -83,6 +83,24 @@ def test_saved_and_loaded_it_goes_on_bit_for_bit(tmp_path: Path) -> None:
     assert (whole.env_steps, whole.episodes) == (second.env_steps, second.episodes)
 
 
+def test_a_factory_gets_the_saved_arguments_again(tmp_path: Path) -> None:
+    RPG(TMaze, env_kwargs={"corridor_length": 3}).save(tmp_path / "rpg.pt")
+    assert RPG.load(tmp_path / "rpg.pt", TMaze).env_kwargs == {"corridor_length": 3}
+
+
+def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    rpg = make(env_kwargs={"corridor_length": np.int64(3)})
+    with pytest.raises(CheckpointError, match="would not be readable"):
+        rpg.save(tmp_path / "rpg.pt")
+    assert not list(tmp_path.iterdir())
+
+
+def test_another_environment_does_not_take_the_weights(tmp_path: Path) -> None:
+    make().save(tmp_path / "rpg.pt")
+    with pytest.raises(CheckpointError, match="does not fit"):
+        RPG.load(tmp_path / "rpg.pt", "CartPole-v1", env_kwargs={})
+
+
 def test_what_was_given_as_an_object_must_be_given_again(tmp_path: Path) -> None:
     RPG(TMaze(corridor_length=3)).save(tmp_path / "rpg.pt")
     with pytest.raises(CheckpointError, match="env"):
@@ -110,7 +128,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
 def test_a_failed_write_leaves_the_old_checkpoint(tmp_path: Path) -> None:
     path = tmp_path / "rpg.pt"
     write_checkpoint(path, {"algo": "rpg"})
-    with pytest.raises(Exception, match="pickle"):
+    with pytest.raises(CheckpointError, match="pickle"):
         write_checkpoint(path, {"algo": lambda: None})
     assert read_checkpoint(path)["algo"] == "rpg"
 
@@ -139,6 +157,11 @@ def test_predict_takes_several_environments_at_once() -> None:
     np.testing.assert_array_equal(one_new[[0, 2]], none_new[[0, 2]])
 
 
+def test_predict_takes_an_observation_of_another_precision_or_beyond_the_bounds() -> None:
+    action, memory = RPG("Pendulum-v1").predict(np.array([1.0, 0.0, 9.0]))
+    assert (action.shape, memory.shape[0]) == ((1,), 1)
+
+
 def test_predicted_actions_are_in_the_units_of_the_environment() -> None:
     rpg = RPG("Pendulum-v1", policy=PolicyConfig(init_range=3.0))
     env = gym.make("Pendulum-v1")
@@ -153,6 +176,24 @@ def test_evaluation_leaves_training_as_it_was() -> None:
     quiet.learn(total_updates=5)
     watched.learn(total_updates=5, callback=lambda algorithm, _: bool(algorithm.evaluate(10).mean_return) or None)
     np.testing.assert_array_equal(quiet.policy.vector(), watched.policy.vector())
+
+
+def test_every_update_is_evaluated_on_other_episodes() -> None:
+    rpg = make(learning_rate=1e-9)
+    first, again = rpg.evaluate(200).returns, rpg.evaluate(200).returns
+    rpg.update()
+    np.testing.assert_array_equal(first, again)
+    assert (first != rpg.evaluate(200).returns).any()
+
+
+def test_fresh_episodes_decide_whether_it_is_solved(monkeypatch: pytest.MonkeyPatch) -> None:
+    rpg = make()
+    rpg.learn(total_episodes=100)
+    assert not rpg.check_solved()  # it is far from it
+    rpg.recent_returns.extend([4.0] * 100)
+    assert not rpg.check_solved()  # by luck in training, say
+    rpg.rollouts.reward_threshold = -1000.0
+    assert rpg.check_solved()
 
 
 def test_evaluation_tells_mean_and_standard_error() -> None:

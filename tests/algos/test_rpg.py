@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from typing import Any
 
@@ -206,6 +207,79 @@ def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return() -> Non
     assert ((returns - expected)[mask]).var() < 0.95 * returns[mask].var()
 
 
+def test_a_batch_is_one_call_of_the_recurrent_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    rpg, calls = small_rpg(batch_size=50), []
+    forward = rpg.policy.core.forward
+    monkeypatch.setattr(rpg.policy.core, "forward", lambda *arguments: calls.append(1) or forward(*arguments))
+    rpg.update()
+    assert len(calls) == 1
+
+
+def padded(episodes: Episodes, steps: int) -> Episodes:
+    def longer(array: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.concatenate([array, np.zeros((steps, *array.shape[1:]), np.float32)])
+
+    return dataclasses.replace(
+        episodes,
+        observations=longer(episodes.observations),
+        actions=longer(episodes.actions),
+        rewards=longer(episodes.rewards),
+    )
+
+
+@pytest.mark.parametrize("baseline", ["constant", "shared"])
+@pytest.mark.parametrize("env", ["dpsearch/TMaze-v0", "Pendulum-v1"])
+def test_padding_leaves_the_gradient_as_it_is(env: str, baseline: str) -> None:
+    rpg = RPG(env, baseline=baseline, max_episode_steps=8, batch_size=5, policy=PolicyConfig(init_range=0.3))
+    episodes = rpg.play_batch(5)
+    if isinstance(rpg.baseline, ConstantBaseline):
+        rpg.baseline.load_state_dict({"episodes": [[3.0, 2]]})  # b = 1.5, where padding would be seen
+    found = []
+    for batch in (episodes, padded(episodes, 7)):
+        state = rpg.baseline.state_dict()
+        rpg.optimizer.zero_grad()
+        rpg.loss(batch)[0].backward()
+        found.append(gradients(rpg))
+        rpg.baseline.load_state_dict(state)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-4, atol=1e-5)
+
+
+def test_a_vanishing_deviation_on_padding_makes_no_nan() -> None:
+    rpg = RPG("Pendulum-v1", max_episode_steps=3, batch_size=2, variance_scaled=True)
+    with torch.no_grad():
+        rpg.policy.readout.bias[0], rpg.policy.readout.bias[1] = 0.7, -60.0
+    rpg.rollouts.max_steps = 3
+    episodes = padded(rpg.play_batch(2), 2)
+    rpg.loss(episodes)[0].backward()
+    assert np.isfinite(gradients(rpg)).all()
+
+
+def test_the_shared_baseline_learns_with_the_policy() -> None:
+    rpg = small_rpg(baseline="shared", baseline_weight=0.7, batch_size=30)
+    episodes = rpg.play_batch(30)
+    rpg.optimizer.zero_grad()
+    rpg.loss(episodes)[0].backward()
+    both = gradients(rpg)
+    returns, mask = torch.from_numpy(episodes.returns_to_go(1.0)), torch.from_numpy(episodes.mask)
+    features, _ = rpg.policy.remember(torch.from_numpy(episodes.observations))
+    with torch.no_grad():
+        expected, _ = rpg.baseline(features, returns, mask)
+    log_prob = rpg.policy.head.log_prob(rpg.policy.read_out(features), torch.from_numpy(episodes.actions))
+    regression = ((returns - rpg.baseline.parameters()[1]) * mask).square().sum()  # at first only its bias counts
+    rpg.optimizer.zero_grad()
+    ((-(log_prob * (returns - expected) * mask).sum() + 0.7 * regression) / 30).backward()
+    by_hand = [p.grad for p in rpg.policy.free_parameters()]
+    np.testing.assert_allclose(
+        both[: sum(g.numel() for g in by_hand if g is not None)],
+        np.concatenate([g.numpy().ravel() for g in by_hand if g is not None]),
+        rtol=1e-4,
+        atol=1e-5,
+    )
+    bias = rpg.baseline.parameters()[1].grad
+    assert bias is not None
+    assert both[-1] == pytest.approx(float(bias), rel=1e-4)
+
+
 def test_batches_shrink_and_grow_to_a_number_of_steps() -> None:
     rpg = small_rpg(batch_size=2, batch_steps=100)
     sizes: list[int] = []
@@ -221,14 +295,13 @@ def test_any_torch_optimiser_learns(optimizer: str) -> None:
     assert rpg.evaluate(200).mean_return > before + 1.0
 
 
-def test_state_goes_on_bit_for_bit() -> None:
-    one, other = (
-        small_rpg(optimizer="Adam", learning_rate=0.01),
-        small_rpg(optimizer="Adam", learning_rate=0.01),
-    )
+@pytest.mark.parametrize("settings", [{}, {"baseline": "shared", "batch_steps": 150}])
+def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
+    settings = {"optimizer": "Adam", "learning_rate": 0.01, **settings}
+    one, other = small_rpg(**settings), small_rpg(**settings)
     one.learn(total_updates=20)
     other.learn(total_updates=7)
-    resumed = small_rpg(optimizer="Adam", learning_rate=0.01)
+    resumed = small_rpg(**settings)
     resumed.load_state_dict(other.state_dict())
     resumed.learn(total_updates=20)
     np.testing.assert_array_equal(one.policy.vector(), resumed.policy.vector())
@@ -243,6 +316,9 @@ def test_state_goes_on_bit_for_bit() -> None:
         ("learning_rate", -1.0),
         ("optimizer", "Sgd"),
         ("gradient_length", 0.0),
+        ("optimizer", "LBFGS"),
+        ("learning_rate", float("inf")),
+        ("batch_size", 2.5),
     ],
 )
 def test_a_setting_out_of_range_is_named(setting: str, value: Any) -> None:

@@ -43,7 +43,8 @@ def test_a_gaussian_head_has_a_linear_mean_and_a_sigmoid_deviation() -> None:
     actions = head.sample(outputs, uniform(*SHAPE, 4))
     torch.testing.assert_close(head.log_prob(outputs, actions), twin.log_prob(actions).sum(-1))
     torch.testing.assert_close(head.entropy(outputs), twin.entropy().sum(-1))
-    torch.testing.assert_close(head.variance(outputs), twin.variance.mean(-1))
+    scaled = (twin.log_prob(actions) * twin.variance).sum(-1)
+    torch.testing.assert_close(head.scaled_log_prob(outputs, actions), scaled)
 
 
 def test_a_gaussian_log_probability_is_finite_where_the_deviation_underflows() -> None:
@@ -94,10 +95,18 @@ def test_a_deterministic_head_has_no_probabilities() -> None:
         head.entropy(outputs)
 
 
-def test_only_a_gaussian_head_has_a_variance() -> None:
+def test_scaled_by_their_variances_eligibilities_stay_finite_in_each_dimension() -> None:
+    outputs = torch.tensor([[0.3, -0.2, -15.0, 0.0]], requires_grad=True)  # sigma = (3e-7, 0.5)
+    actions = outputs[..., :2].detach() + torch.sigmoid(outputs[..., 2:].detach())  # one sigma away
+    Gaussian(2).scaled_log_prob(outputs, actions).sum().backward()  # type: ignore[no-untyped-call, unused-ignore]
+    assert outputs.grad is not None
+    assert outputs.grad[..., :2].abs().max() < 1.0  # sigma^2 (a - mu) / sigma^2
+
+
+def test_only_a_gaussian_head_can_be_scaled_by_its_variance() -> None:
     for head in (Categorical([2]), Deterministic(2)):
         with pytest.raises(TypeError, match="Gaussian"):
-            head.variance(torch.zeros(1, 2))
+            head.scaled_log_prob(torch.zeros(1, 2), torch.zeros(1, 1))
 
 
 def test_a_head_without_actions_is_refused() -> None:

@@ -123,7 +123,11 @@ def test_a_forget_bias_makes_a_fresh_memory_last() -> None:
     ("options", "message"),
     [
         ({"core": "gru"}, "core must be"),
-        ({"hidden_size": 0}, "must be positive"),
+        ({"hidden_size": 0}, "hidden_size must be positive"),
+        ({"init_range": -1.0}, "init_range must be finite and at least 0"),
+        ({"init_range": float("nan")}, "init_range must be finite and at least 0"),
+        ({"forget_bias": float("inf")}, "forget_bias must be finite"),
+        ({"input_bias": float("nan")}, "input_bias must be finite"),
         ({"forget_bias": 1.0, "core": "rnn"}, "forget_bias"),
         ({"input_bias": 1.0, "bias": False}, "forget_bias and input_bias need"),
     ],

@@ -30,6 +30,19 @@ def test_a_run_is_not_begun_twice(tmp_path: Path) -> None:
         directory.begin(CONFIG, HYDRA)
 
 
+@pytest.mark.parametrize("name", ["checkpoint.pt", "policy.pt", "metrics.jsonl", "summary.json"])
+def test_files_that_a_run_would_overwrite_are_left_alone(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("{}")
+    with pytest.raises(RunError, match="already holds"):
+        RunDirectory(tmp_path).begin(CONFIG, HYDRA)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_summary_with_a_number_that_json_does_not_know_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="cannot write .*summary.json"):
+        RunDirectory(tmp_path).write_summary({"return": float("nan")})
+
+
 def test_learning_has_begun_when_there_is_something_to_lose(tmp_path: Path) -> None:
     directory = RunDirectory(tmp_path)
     directory.metrics.touch()

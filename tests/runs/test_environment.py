@@ -38,6 +38,7 @@ def test_components_of_the_observation_can_be_hidden() -> None:
         (EnvRecipe("bogus.module:Bogus-v0"), "No module named 'bogus'"),
         (EnvRecipe(TMAZE, {"bogus": 1}), "bogus"),
         (EnvRecipe(TMAZE, {"corridor_length": 0}), "corridor_length"),
+        (EnvRecipe("FrozenLake-v1", {"map_name": "foo"}), "'FrozenLake-v1': KeyError: 'foo'"),
         (EnvRecipe("CartPole-v1", observe_only=[]), "indices must be distinct"),
     ],
 )
