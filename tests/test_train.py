@@ -132,6 +132,18 @@ def test_several_seeds_can_be_run_by_one_command(tmp_path: Path, monkeypatch: py
     assert found == [0, 1]
 
 
+def test_a_sweep_into_one_directory_is_refused_before_it_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = train("-m", "seed=0,1", "run_dir=run", *SMALL)
+    assert outcome.code == 2
+    assert re.fullmatch("error: run_dir is one directory, and a sweep needs several: .*\n", outcome.err)
+    assert not (tmp_path / "run").exists()
+    assert train("-m", "seed=0,1", "run_dir=run${seed}", "total_updates=1", "evaluation_episodes=2").code == 0
+    assert summary(tmp_path / "run1")["seed"] == 1
+
+
 # The same run, however it is run
 
 
@@ -262,16 +274,15 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("env.encoding=morse", "encoding must be .* 'morse'"),
         ("env.max_episode_steps=0", "max_episode_steps must be at least 1"),
         ("algo.gamma=2", r"algo\.gamma must be in \(0, 1\], got 2"),
-        ("algo.optimizer=Bogus", r"algo\.optimizer must be a class"),
+        ("algo.optimizer=Bogus", r"algo\.optimizer must be one of"),
         ("algo.optimizer_options.bogus=1", r"algo\.optimizer_options: .*bogus"),
         ("algo.optimizer_options={momentum:foo}", r"algo\.optimizer_options: "),
         ("algo.optimizer_options={lr:1}", r"algo\.optimizer_options: .*'lr'"),
         ("algo.variance_scaled=true", r"algo\.variance_scaled needs a Gaussian policy"),
         ("policy.core=bogus", r"policy\.core must be"),
         ("policy.init_range=-1", r"policy\.init_range must be finite and at least 0, got -1"),
-        ("policy.forget_bias=.inf", r"policy\.forget_bias must be finite, got inf"),
+        ("policy.forget_bias=inf", r"policy\.forget_bias must be finite, got inf"),
         ("env.reward_threshold=nan", r"env\.reward_threshold must be finite, got nan"),
-        ("-m seed=0,1", "run_dir is one directory, and a sweep needs several"),
         ("rollout.threads=0", r"rollout\.threads must be at least 1"),
         ("total_steps=0", "total_steps must be at least 1"),
         ("seed=-1", "seed must be in"),

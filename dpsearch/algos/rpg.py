@@ -84,10 +84,7 @@ class RPGConfig:
             "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
             "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
             "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
-            "optimizer": (
-                isinstance(getattr(torch.optim, self.optimizer, None), type),
-                "a class of torch.optim",
-            ),
+            "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
         }
         for name, (fits, what) in accepted.items():
             if not fits:

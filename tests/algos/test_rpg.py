@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -208,11 +209,11 @@ def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return() -> Non
 
 
 def test_a_batch_is_one_call_of_the_recurrent_core(monkeypatch: pytest.MonkeyPatch) -> None:
-    rpg, calls = small_rpg(batch_size=50), []
-    forward = rpg.policy.core.forward
-    monkeypatch.setattr(rpg.policy.core, "forward", lambda *arguments: calls.append(1) or forward(*arguments))
+    rpg = small_rpg(batch_size=50)
+    core = mock.Mock(wraps=rpg.policy.core.forward)
+    monkeypatch.setattr(rpg.policy.core, "forward", core)
     rpg.update()
-    assert len(calls) == 1
+    assert core.call_count == 1
 
 
 def padded(episodes: Episodes, steps: int) -> Episodes:

@@ -39,7 +39,7 @@ def test_files_that_a_run_would_overwrite_are_left_alone(tmp_path: Path, name: s
 
 
 def test_a_summary_with_a_number_that_json_does_not_know_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="cannot write .*summary.json"):
+    with pytest.raises(RunError, match=r"cannot write .*summary\.json"):
         RunDirectory(tmp_path).write_summary({"return": float("nan")})
 
 
