@@ -352,3 +352,10 @@ def test_without_memory_the_best_is_half_of_the_signs() -> None:
     rpg.learn(total_updates=800, until_solved=True)
     assert not rpg.solved
     assert rpg.evaluate(2000).mean_return < BEST_WITHOUT_MEMORY + 0.3
+
+
+def test_an_environment_without_a_kernel_is_learned_too() -> None:
+    rpg = RPG("CartPole-v1", gamma=0.99, seed=0)
+    assert rpg.evaluate(50).mean_return < 40.0  # a random policy's 22
+    rpg.learn(total_updates=45)
+    assert rpg.evaluate(50).mean_return > 100.0
