@@ -21,7 +21,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 LANES = 24
-"""Episodes in a block: three AVX-512 registers of doubles, enough to hide latency, and little waste with batches of 20."""
+"""Episodes in a block: three AVX-512 registers of doubles, to hide latency, and little waste with batches of 20."""
 
 FASTMATH = {"contract", "nsz", "arcp"}
 """Freedom for the compiler that keeps infinities and NaN meaningful and never reorders a sum."""
