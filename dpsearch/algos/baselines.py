@@ -9,7 +9,9 @@ from abc import ABC, abstractmethod
 from collections import deque
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from typing_extensions import override
 
@@ -18,7 +20,9 @@ class Baseline(ABC):
     """Says what return to expect, from what the policy remembers."""
 
     @abstractmethod
-    def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
+    def __call__(
+        self, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32] | float, Tensor | None]:
         """The baseline for a batch, and then learn from the batch.
 
         Args:
@@ -27,8 +31,7 @@ class Baseline(ABC):
             mask: ``(T, N)``, False on padding.
 
         Returns:
-            b, without gradient, that broadcasts to ``(T, N)``; and a loss to add to the policy's, summed over steps,
-            or None.
+            b, that broadcasts to ``(T, N)``; and a loss to add to the policy's, summed over steps, or None.
         """
 
     def parameters(self) -> list[nn.Parameter]:
@@ -52,23 +55,27 @@ class ConstantBaseline(Baseline):
     """
 
     def __init__(self, window: int) -> None:
-        self._episodes: deque[tuple[float, int]] = deque(maxlen=window)  # sum of R_t, steps
+        self._totals: deque[float] = deque(maxlen=window)  # sum of R_t of each episode
+        self._lengths: deque[int] = deque(maxlen=window)  # and its steps
 
     @override
-    def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
-        steps = sum(length for _, length in self._episodes)
-        mean = sum(total for total, _ in self._episodes) / steps if steps else 0.0
-        self._episodes.extend(zip(returns.sum(0, dtype=torch.float64).tolist(), mask.sum(0).tolist(), strict=True))
-        return torch.tensor(mean, dtype=torch.float32), None
+    def __call__(self, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]) -> tuple[float, None]:
+        mean = sum(self._totals) / sum(self._lengths) if self._lengths else 0.0
+        self._totals.extend(returns.sum(0, dtype=np.float64).tolist())
+        self._lengths.extend(mask.sum(0).tolist())
+        return mean, None
 
     @override
     def state_dict(self) -> dict[str, Any]:
-        return {"episodes": [list(episode) for episode in self._episodes]}
+        return {"episodes": [list(episode) for episode in zip(self._totals, self._lengths, strict=True)]}
 
     @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        self._episodes.clear()
-        self._episodes.extend((total, steps) for total, steps in state["episodes"])
+        self._totals.clear()
+        self._lengths.clear()
+        for total, length in state["episodes"]:
+            self._totals.append(total)
+            self._lengths.append(length)
 
 
 class SharedBaseline(Baseline):
@@ -89,10 +96,12 @@ class SharedBaseline(Baseline):
         nn.init.zeros_(self._readout.bias)
 
     @override
-    def __call__(self, features: Tensor, returns: Tensor, mask: Tensor) -> tuple[Tensor, Tensor | None]:
+    def __call__(
+        self, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], Tensor]:
         expected = self._readout(features).squeeze(-1)  # (T, N)
-        error = ((returns - expected) * mask).square().sum()
-        return expected.detach(), self._weight * error
+        error = ((torch.from_numpy(returns) - expected) * torch.from_numpy(mask)).square().sum()
+        return expected.detach().numpy(), self._weight * error
 
     @override
     def parameters(self) -> list[nn.Parameter]:

@@ -86,7 +86,9 @@ def first_class(function: Compiled, signature: Any) -> Any:
     Passing the dispatcher itself works too, but then Numba looks its overload up anew at every call, which costs more
     than a whole small batch of episodes.
     """
-    return CompileResultWAP(function.get_compile_result(signature))  # type: ignore[attr-defined]
+    value: Any = CompileResultWAP(function.get_compile_result(signature))  # type: ignore[attr-defined]
+    value._numba_type_ = types.FunctionType(signature)  # else Numba works it out at every call
+    return value
 
 
 def noise_rows(draws: int) -> int:

@@ -1,8 +1,8 @@
 """Action heads: how the outputs of a network are read as a distribution over actions.
 
-A head has no parameters. It says how many outputs the network needs and turns them into actions, log-probabilities and
-entropies. Sampling maps given uniform numbers to actions by inverting the distribution, in torch here and in compiled
-code in ``compiled.py``, so that keyed randomness gives the same action on every engine.
+A head has no parameters. It says how many outputs the network needs and turns them into actions, log-probabilities,
+eligibilities and entropies. Sampling maps given uniform numbers to actions by inverting the distribution, in torch
+here and in compiled code in ``compiled.py``, so that keyed randomness gives the same action on every engine.
 """
 
 from __future__ import annotations
@@ -11,9 +11,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 from typing_extensions import override
+
+from dpsearch.policies.eligibilities import softmax_eligibilities
 
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
@@ -47,10 +50,23 @@ class Head(ABC):
     def mode(self, outputs: Tensor) -> Tensor:
         """The most probable actions ``(..., action_size)``: what the greedy policy does."""
 
-    def scaled_log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        """Log pi(a|h) with each dimension's share times its variance, taken as a constant: ``(...)``.
+    def eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """What each output has to do with the actions taken, and the entropy, which mostly comes for free.
 
-        Its gradient has the eligibilities times sigma^2 of Williams (1992), finite as sigma goes to 0.
+        Args:
+            outputs: ``(..., n_outputs)``.
+            actions: ``(..., action_size)``.
+            weights: ``(...)``, that each step's eligibilities are multiplied by.
+
+        Returns:
+            The derivatives of log pi(a|h) by the outputs, weighted, ``(..., n_outputs)``, and the entropy ``(...)``.
+        """
+        outputs = outputs.detach().requires_grad_()
+        (eligibilities,) = torch.autograd.grad(self.log_prob(outputs, actions), outputs, weights)
+        return eligibilities, self.entropy(outputs.detach())
+
+    def scaled_eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """The same times the variance sigma^2 of each dimension (Williams 1992): finite as sigma goes to 0.
 
         Raises:
             TypeError: If the distribution is not Gaussian.
@@ -72,6 +88,7 @@ class Categorical(Head):
         self.n_outputs = sum(self.sizes)
         self.action_size = len(self.sizes)
         self.draws = len(self.sizes)
+        self._sizes = np.array(self.sizes, np.int64)
 
     def _log_softmax(self, outputs: Tensor) -> list[Tensor]:
         """Log p of each group's choices, choices first: torch vectorises over all but a short last axis."""
@@ -87,6 +104,21 @@ class Categorical(Head):
     @override
     def entropy(self, outputs: Tensor) -> Tensor:
         return -torch.stack([(log_p.exp() * log_p).sum(0) for log_p in self._log_softmax(outputs)]).sum(0)
+
+    @override
+    def eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+        if outputs.dtype != torch.float32:
+            return super().eligibilities(outputs, actions, weights)
+        eligibilities, entropy = outputs.new_empty(self.n_outputs, *weights.shape), outputs.new_empty(weights.shape)
+        softmax_eligibilities(
+            self._sizes,
+            outputs.detach().contiguous().view(-1, self.n_outputs).numpy(),
+            actions.float().contiguous().view(-1, self.action_size).numpy(),
+            weights.float().contiguous().view(-1).numpy(),
+            eligibilities.view(self.n_outputs, -1).numpy(),
+            entropy.view(-1).numpy(),
+        )
+        return eligibilities.movedim(0, -1), entropy
 
     @override
     def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
@@ -122,19 +154,18 @@ class Gaussian(Head):
     def _mean_and_std(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
         return outputs[..., : self.size], torch.sigmoid(outputs[..., self.size :])
 
-    def _log_probs(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        mean, std = self._mean_and_std(outputs)
-        log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
-        return -0.5 * ((actions - mean) / std) ** 2 - log_std - LOG_SQRT_2PI
-
     @override
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        return self._log_probs(outputs, actions).sum(-1)
+        mean, std = self._mean_and_std(outputs)
+        log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
+        return (-0.5 * ((actions - mean) / std) ** 2 - log_std - LOG_SQRT_2PI).sum(-1)
 
     @override
-    def scaled_log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        _, std = self._mean_and_std(outputs.detach())
-        return (self._log_probs(outputs, actions) * std.square()).sum(-1)
+    def scaled_eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+        mean, std = self._mean_and_std(outputs.detach())
+        of_mean = actions - mean
+        of_raw_std = (of_mean.square() - std.square()) * (1.0 - std)  # 1 - std: from the slope of the sigmoid
+        return torch.cat((of_mean, of_raw_std), -1) * weights[..., None], self.entropy(outputs.detach())
 
     @override
     def entropy(self, outputs: Tensor) -> Tensor:

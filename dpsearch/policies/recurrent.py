@@ -171,17 +171,7 @@ class RecurrentPolicy(nn.Module):
     def forward(self, observations: Tensor, state: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """The head's parameters ``(T, B, n_outputs)`` for whole episodes, and the state; see ``remember``."""
         features, after = self.remember(observations, state)
-        return self.read_out(features), after
-
-    def read_out(self, features: Tensor) -> Tensor:
-        """The head's parameters ``(T, B, n_outputs)`` from features ``(T, B, H)``.
-
-        Laid out in memory with the outputs first: with so few of them, both the product here and the softmax that
-        follows are then several times faster.
-        """
-        weight, bias, columns = self.readout.weight, self.readout.bias, features.flatten(0, 1).t()
-        outputs = weight @ columns if bias is None else torch.addmm(bias[:, None], weight, columns)
-        return outputs.view(-1, *features.shape[:2]).movedim(0, -1)
+        return self.readout(features), after
 
     @torch.no_grad()
     def act(self, observation: Tensor, state: Tensor | None, uniforms: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -202,8 +192,8 @@ class RecurrentPolicy(nn.Module):
 
     def vector(self) -> NDArray[np.float64]:
         """The free parameters as one flat copy ``(P,)``."""
-        with torch.no_grad():
-            return np.concatenate([p.numpy().ravel() for p in self.free_parameters()]).astype(np.float64)
+        parts = [p.detach().numpy() for p in self.free_parameters()]
+        return np.concatenate(parts, axis=None, dtype=np.float64)
 
     def load_vector(self, vector: NDArray[np.floating]) -> None:
         """Set the free parameters from a flat vector ``(P,)``, the inverse of ``vector()``.

@@ -57,7 +57,10 @@ def sampling(repeats: int) -> list[Measurement]:
 
 
 def update(repeats: int) -> list[Measurement]:
-    """A whole RPG update, against the bare ``nn.LSTM`` forward and backward on the same tensors."""
+    """A whole RPG update, against the bare ``nn.LSTM`` forward and backward on the same tensors.
+
+    They take turns at being the first, which is the slower: oneDNN prepares itself for each new length of a batch.
+    """
     rows = []
     for corridor, straight in ((10, True), (100, True), (1000, True), (10, False)):
         algorithm = _rpg(corridor, 20, straight=straight)
@@ -65,14 +68,15 @@ def update(repeats: int) -> list[Measurement]:
         assert isinstance(lstm, nn.LSTM)
         algorithm.update()  # what is loaded or compiled at first use
         times: dict[str, list[float]] = {name: [] for name in ("whole", "sample", "gradient", "step", "bare")}
-        for _ in _rounds(repeats * UPDATES):
+        for i in _rounds(repeats * UPDATES):
             observations = torch.from_numpy(_next_batch(algorithm).observations)
-            start = process_time()
-            metrics = algorithm.update()
-            middle = process_time()
-            _forward_backward(lstm, observations)
-            times["bare"].append(process_time() - middle)
-            times["whole"].append(middle - start)
+            for name in ("bare", "whole") if i % 2 else ("whole", "bare"):
+                start = process_time()
+                if name == "whole":
+                    metrics = algorithm.update()
+                else:
+                    _forward_backward(lstm, observations)
+                times[name].append(process_time() - start)
             for phase in ("sample", "gradient", "step"):
                 times[phase].append(metrics[f"time/{phase}"])
         walk = f"T = {corridor + 1}" if straight else f"random walk, N = {corridor}"

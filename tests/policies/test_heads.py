@@ -6,6 +6,7 @@ from torch.distributions import Categorical as TorchCategorical
 from torch.distributions import Normal
 
 from dpsearch.policies import Categorical, Deterministic, Gaussian
+from dpsearch.policies.heads import Head
 
 SHAPE = (5, 3)  # time, episodes
 
@@ -43,8 +44,38 @@ def test_a_gaussian_head_has_a_linear_mean_and_a_sigmoid_deviation() -> None:
     actions = head.sample(outputs, uniform(*SHAPE, 4))
     torch.testing.assert_close(head.log_prob(outputs, actions), twin.log_prob(actions).sum(-1))
     torch.testing.assert_close(head.entropy(outputs), twin.entropy().sum(-1))
-    scaled = (twin.log_prob(actions) * twin.variance).sum(-1)
-    torch.testing.assert_close(head.scaled_log_prob(outputs, actions), scaled)
+
+
+@pytest.mark.parametrize("head", [Categorical([4]), Categorical([2, 4, 3]), Categorical([1]), Gaussian(2)])
+@pytest.mark.parametrize(("dtype", "error"), [(torch.float32, 2e-5), (torch.float64, 1e-12)])
+def test_eligibilities_are_the_derivatives_of_the_log_probability(head: Head, dtype: torch.dtype, error: float) -> None:
+    outputs = normal(*SHAPE, head.n_outputs)
+    actions = head.sample(outputs, uniform(*SHAPE, head.draws))
+    weights = normal(*SHAPE, seed=1)
+    outputs.requires_grad_()
+    (expected,) = torch.autograd.grad(head.log_prob(outputs, actions), outputs, weights)
+    found, entropy = head.eligibilities(outputs.to(dtype), actions.to(dtype), weights.to(dtype))
+    torch.testing.assert_close(found.double(), expected, rtol=error, atol=error)
+    torch.testing.assert_close(entropy.double(), head.entropy(outputs.detach()), rtol=error, atol=error)
+
+
+@pytest.mark.parametrize("outputs", [[1000.0, 0.0, -1000.0], [-3e38, -3e38, -3e38], [0.0, 30.0, 30.0]])
+def test_eligibilities_of_a_softmax_are_finite_however_far_apart_its_outputs(outputs: list[float]) -> None:
+    head, logits = Categorical([3]), torch.tensor([outputs])
+    found, entropy = head.eligibilities(logits, torch.ones(1, 1), torch.ones(1))
+    chosen = torch.tensor([0.0, 1.0, 0.0])
+    torch.testing.assert_close(found[0], chosen - torch.softmax(logits[0].double(), 0).float())
+    torch.testing.assert_close(entropy, head.entropy(logits.double()).float(), rtol=1e-5, atol=1e-5)
+
+
+def test_scaled_eligibilities_are_the_others_times_the_variance() -> None:
+    head, outputs, weights = Gaussian(2), normal(*SHAPE, 4), normal(*SHAPE, seed=1)
+    actions = head.sample(outputs, uniform(*SHAPE, 4))
+    scaled, entropy = head.scaled_eligibilities(outputs, actions, weights)
+    plain, _ = head.eligibilities(outputs, actions, weights)
+    variance = torch.sigmoid(outputs[..., 2:]).square()
+    torch.testing.assert_close(scaled, plain * torch.cat((variance, variance), -1))
+    torch.testing.assert_close(entropy, head.entropy(outputs))
 
 
 def test_a_gaussian_log_probability_is_finite_where_the_deviation_underflows() -> None:
@@ -96,17 +127,16 @@ def test_a_deterministic_head_has_no_probabilities() -> None:
 
 
 def test_scaled_by_their_variances_eligibilities_stay_finite_in_each_dimension() -> None:
-    outputs = torch.tensor([[0.3, -0.2, -15.0, 0.0]], requires_grad=True)  # sigma = (3e-7, 0.5)
-    actions = outputs[..., :2].detach() + torch.sigmoid(outputs[..., 2:].detach())  # one sigma away
-    Gaussian(2).scaled_log_prob(outputs, actions).sum().backward()  # type: ignore[no-untyped-call, unused-ignore]
-    assert outputs.grad is not None
-    assert outputs.grad[..., :2].abs().max() < 1.0  # sigma^2 (a - mu) / sigma^2
+    outputs = torch.tensor([[0.3, -0.2, -200.0, 0.0]])  # sigma = (0, 0.5)
+    actions = outputs[..., :2] + torch.sigmoid(outputs[..., 2:])  # one sigma away
+    scaled, _ = Gaussian(2).scaled_eligibilities(outputs, actions, torch.ones(1))
+    torch.testing.assert_close(scaled, torch.tensor([[0.0, 0.5, 0.0, 0.0]]))  # of the means: a - mu
 
 
 def test_only_a_gaussian_head_can_be_scaled_by_its_variance() -> None:
     for head in (Categorical([2]), Deterministic(2)):
         with pytest.raises(TypeError, match="Gaussian"):
-            head.scaled_log_prob(torch.zeros(1, 2), torch.zeros(1, 1))
+            head.scaled_eligibilities(torch.zeros(1, 2), torch.zeros(1, 1), torch.ones(1))
 
 
 def test_a_head_without_actions_is_refused() -> None:
