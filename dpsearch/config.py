@@ -59,6 +59,21 @@ class TMazeConfig(EnvConfig):
 
 
 @dataclass
+class PolesConfig(EnvConfig):
+    """Pole balancing, all four tasks; see ``dpsearch.envs.DoublePole``.
+
+    Attributes:
+        reward: "steps", "failure" or "damping".
+        start_state: Numbers, rows of numbers or "generalisation"; null for the usual start.
+        cart_friction: Force in N that brakes a moving cart.
+    """
+
+    reward: str = MISSING
+    start_state: Any = None
+    cart_friction: float = MISSING
+
+
+@dataclass
 class GymConfig(EnvConfig):
     """Any Gymnasium environment.
 
@@ -145,7 +160,14 @@ class TrainConfig:
                 raise ValueError(f"{name} must be {what}, got {getattr(self, name)}")
 
 
-ENVS: dict[str, type[EnvConfig]] = {"gym": GymConfig, "tmaze": TMazeConfig}
+ENVS: dict[str, type[EnvConfig]] = {
+    "double_pole": PolesConfig,
+    "double_pole_hidden": PolesConfig,
+    "gym": GymConfig,
+    "single_pole": PolesConfig,
+    "single_pole_hidden": PolesConfig,
+    "tmaze": TMazeConfig,
+}
 ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
 
 RESUMABLE = frozenset(

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from dpsearch.envs.kernel_env import KernelEnv as KernelEnv
     from dpsearch.envs.kernel_env import KernelVectorEnv as KernelVectorEnv
     from dpsearch.envs.kernel_env import Task as Task
+    from dpsearch.envs.poles import DoublePole as DoublePole
+    from dpsearch.envs.poles import DoublePoleHidden as DoublePoleHidden
+    from dpsearch.envs.poles import SinglePole as SinglePole
+    from dpsearch.envs.poles import SinglePoleHidden as SinglePoleHidden
     from dpsearch.envs.tabular import TabularPOMDP as TabularPOMDP
     from dpsearch.envs.tmaze import TMaze as TMaze
     from dpsearch.envs.wrappers import HiddenState as HiddenState
@@ -26,24 +30,32 @@ if TYPE_CHECKING:
 
 # Public name -> the module it comes from: the imports above, for the interpreter.
 _HOMES = {
+    "DoublePole": "dpsearch.envs.poles",
+    "DoublePoleHidden": "dpsearch.envs.poles",
     "HiddenState": "dpsearch.envs.wrappers",
     "KernelEnv": "dpsearch.envs.kernel_env",
     "KernelVectorEnv": "dpsearch.envs.kernel_env",
     "ObserveOnly": "dpsearch.envs.wrappers",
     "PreviousAction": "dpsearch.envs.wrappers",
     "PreviousReward": "dpsearch.envs.wrappers",
+    "SinglePole": "dpsearch.envs.poles",
+    "SinglePoleHidden": "dpsearch.envs.poles",
     "TMaze": "dpsearch.envs.tmaze",
     "TabularPOMDP": "dpsearch.envs.tabular",
     "Task": "dpsearch.envs.kernel_env",
 }
 
 __all__ = [
+    "DoublePole",
+    "DoublePoleHidden",
     "HiddenState",
     "KernelEnv",
     "KernelVectorEnv",
     "ObserveOnly",
     "PreviousAction",
     "PreviousReward",
+    "SinglePole",
+    "SinglePoleHidden",
     "TMaze",
     "TabularPOMDP",
     "Task",
@@ -74,3 +86,5 @@ def _register(name: str, home: str, reward_threshold: float) -> None:
 
 
 _register("dpsearch/TMaze-v0", "dpsearch.envs.tmaze:TMaze", reward_threshold=3.8)
+for _name in ("SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"):
+    _register(f"dpsearch/{_name}-v0", f"dpsearch.envs.poles:{_name}", reward_threshold=100_000.0)

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dpsearch.envs import KernelEnv, KernelVectorEnv, TabularPOMDP, Task
+from dpsearch.envs.poles import pole_task
 from dpsearch.envs.tmaze import tmaze_pomdp
 from dpsearch.kernels.lanes import LANES, OBSERVE, RESET, STEP, EnvKernel, noise_rows
 from dpsearch.kernels.philox import ENVIRONMENT, draw, stream_key
@@ -62,8 +63,20 @@ def drift_task(max_episode_steps: int) -> Task:
     )
 
 
-@pytest.fixture(params=["tmaze", "noisy", "drift"])
+def two_poles(max_episode_steps: int) -> Task:
+    return pole_task(2, velocities=True, start_state="generalisation", max_episode_steps=max_episode_steps)
+
+
+def damped_pole(max_episode_steps: int) -> Task:
+    """Without random numbers, and with more in the kernel's state than the state that it tells."""
+    start = [2.2, 1.1, -0.05, 0.0]  # about nine steps from the end of the track
+    return pole_task(1, velocities=False, reward="damping", start_state=start, max_episode_steps=max_episode_steps)
+
+
+@pytest.fixture(params=["tmaze", "noisy", "drift", "two poles", "damped pole"])
 def make_task(request: pytest.FixtureRequest, noisy_pomdp: TabularPOMDP) -> TaskMaker:
+    if "pole" in request.param:
+        return two_poles if request.param == "two poles" else damped_pole
     if request.param == "drift":
         return drift_task
     return (tmaze_pomdp(3) if request.param == "tmaze" else noisy_pomdp).task

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import dpsearch.envs
-from dpsearch.envs.tmaze import TMazeVector
+from dpsearch.envs import KernelVectorEnv
 
 ROOT = Path(dpsearch.envs.__file__).parent.parent
-IDS = ["dpsearch.envs:dpsearch/TMaze-v0"]
+NAMES = ["TMaze", "SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"]
+IDS = [f"dpsearch.envs:dpsearch/{name}-v0" for name in NAMES]
 
 
 def python(code: str, directory: Path) -> subprocess.CompletedProcess[str]:
@@ -54,7 +55,8 @@ def test_every_environment_has_a_vector_class_and_a_threshold(name: str) -> None
     assert spec.max_episode_steps is None  # it depends on the arguments: the environment knows
     assert isinstance(gym.make(name).unwrapped.spec.max_episode_steps, int)  # type: ignore[union-attr]
     vector = gym.make_vec(name, num_envs=3)
-    assert isinstance(vector, TMazeVector)
+    assert isinstance(vector, KernelVectorEnv)
+    assert type(vector).__name__ == name.split("/")[1].removesuffix("-v0") + "Vector"
     assert vector.reset(seed=0)[0].shape[0] == 3
 
 
