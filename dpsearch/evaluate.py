@@ -91,7 +91,7 @@ def _play(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespac
         film = _film(options, env.metadata.get("render_fps", 30))
         for number, seed in enumerate(seeds, 1):
             played.append(play_episode(env, runner, int(seed), film))
-            print(f"episode {number}: return {played[-1][0]:.4g}, {played[-1][1]} steps")
+            print(f"episode {number}: return {played[-1][0]:,.6g}, {played[-1][1]} steps")
         if film is not None:
             film.close()
     returns, lengths = zip(*played, strict=True)
@@ -110,9 +110,9 @@ def _report(evaluation: Evaluation, *, greedy: bool) -> str:
     return "\n".join(
         [
             f"{len(returns)} episode{'s' * (len(returns) > 1)} of the {'greedy' if greedy else 'stochastic'} policy",
-            f"return: mean {evaluation.mean_return:.4g}{error}, median {np.median(returns):.4g}, "
-            f"from {returns.min():.4g} to {returns.max():.4g}",
-            f"length: mean {evaluation.mean_length:.4g}, median {np.median(lengths):.4g}, "
+            f"return: mean {evaluation.mean_return:,.6g}{error}, median {np.median(returns):,.6g}, "
+            f"from {returns.min():,.6g} to {returns.max():,.6g}",
+            f"length: mean {evaluation.mean_length:,.6g}, median {np.median(lengths):,.6g}, "
             f"from {lengths.min()} to {lengths.max()}",
         ]
     )

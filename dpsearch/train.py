@@ -183,7 +183,7 @@ def _report(directory: RunDirectory, summary: dict[str, Any]) -> str:
     """What a finished run says in the end."""
     threshold, path = summary["reward_threshold"], shlex.quote(str(directory.path))
     achieved = [
-        f"{summary[f'return_{kind}']:.4g} ± {round(summary[f'return_{kind}_se'], 9):.2g} {kind}"
+        f"{summary[f'return_{kind}']:,.6g} ± {round(summary[f'return_{kind}_se'], 9):.2g} {kind}"
         for kind in ("stochastic", "greedy")
     ]
     if threshold is not None:

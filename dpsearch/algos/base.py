@@ -94,6 +94,7 @@ class Algorithm(ABC, Generic[ConfigT]):
     name: ClassVar[str]
     config_type: ClassVar[type[Any]]
     deterministic_policy: ClassVar[bool] = False
+    default_policy: ClassVar[PolicyConfig] = PolicyConfig()
 
     def __init__(
         self,
@@ -127,7 +128,7 @@ class Algorithm(ABC, Generic[ConfigT]):
             self.policy = RecurrentPolicy.for_spaces(
                 self.rollouts.observation_space,
                 self.rollouts.action_space,
-                policy,
+                policy or self.default_policy,
                 deterministic=self.deterministic_policy,
                 seed=stream_key(seed, WEIGHTS) >> 1,  # torch takes 63 bits
             )
@@ -137,6 +138,16 @@ class Algorithm(ABC, Generic[ConfigT]):
         self.solved = False
         self.recent_returns: deque[float] = deque(maxlen=RECENT_EPISODES)
         self._predictions = np.random.default_rng(seed)
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing more to learn, whatever the limits."""
+        return False
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of a policy: an algorithm that learns from episodes judges it by each of them."""
+        return self.episodes
 
     @abstractmethod
     def update(self) -> Metrics:
@@ -169,7 +180,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         if all(limit is None for limit in limits) and not until_solved and callback is None:
             raise ValueError("learn() needs total_steps, total_episodes, total_updates, until_solved or a callback")
         with one_torch_thread():
-            while not (until_solved and self.solved):
+            while not self.finished and not (until_solved and self.solved):
                 counts = (self.env_steps, self.episodes, self.updates)
                 if any(limit is not None and count >= limit for count, limit in zip(counts, limits, strict=True)):
                     break
@@ -203,8 +214,10 @@ class Algorithm(ABC, Generic[ConfigT]):
         threshold = self.rollouts.reward_threshold
         if threshold is None or len(self.recent_returns) < RECENT_EPISODES:
             return False
-        if np.mean(self.recent_returns) < threshold:
-            return False
+        return bool(np.mean(self.recent_returns) >= threshold) and self.solving_return() >= threshold
+
+    def solving_return(self) -> float:
+        """Mean return of the 100 episodes that decide, at this update, whether the task is solved."""
         played = self.rollouts.collect(
             self.policy,
             RECENT_EPISODES,
@@ -212,7 +225,7 @@ class Algorithm(ABC, Generic[ConfigT]):
             first_episode=self.updates * RECENT_EPISODES,
             record=False,
         )
-        return float(played.returns.mean()) >= threshold
+        return float(played.returns.mean())
 
     def evaluate(self, n_episodes: int = 100, *, deterministic: bool = False) -> Evaluation:
         """Play episodes without learning from them; other ones after each update.

@@ -65,7 +65,7 @@ class Progress:
         self._bar.close()
 
     def _mean_return(self) -> str:
-        return f"return {np.mean(self._algorithm.recent_returns):.4g}"
+        return f"return {np.mean(self._algorithm.recent_returns):,.6g}"
 
     def _line(self, elapsed: float) -> str:
         algorithm = self._algorithm

@@ -129,7 +129,7 @@ class Run:
             "reward_threshold": threshold,
             "updates": algorithm.updates,
             "episodes": algorithm.episodes,
-            "evaluations": algorithm.episodes,  # an algorithm that learns from episodes judges the policy by each
+            "evaluations": algorithm.evaluations,
             "env_steps": algorithm.env_steps,
             "wall_time_s": self._wall,
             "evaluation_episodes": evaluation_episodes,

@@ -1,0 +1,314 @@
+"""Policy search by black-box optimisation: chapters 4 and 5 of the thesis, sections 4.7.3 and 5.4.2.
+
+A point of the search is the weight vector of a policy, its fitness the return of an episode (or the mean of several)
+played with these weights. What happens within the episode is not looked at: phylogenetic, in the thesis's words.
+
+    repeat   weights  = search.ask()                 (n, P)
+             returns  = rollouts.evaluate(weights)   (n, E), each lane of the engine with its own weights
+             search.tell(weights, mean of returns)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from time import perf_counter
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from dpsearch.algos.base import RECENT_EPISODES, Algorithm, Env, Metrics
+from dpsearch.kernels.philox import stream_key
+from dpsearch.policies import PolicyConfig, RecurrentPolicy
+from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts, Search
+
+SEARCH = 5  # purpose of the seed's stream that the search draws from
+CHOICES = ("best", "mean")
+
+
+@dataclass
+class PolicySearchConfig:
+    """What all policy searches share.
+
+    Attributes:
+        sigma0: Initial standard deviation of the weights.
+        start_std: Standard deviation of where the search begins, around the policy's initial weights (thesis: 1).
+        population: Candidates of a generation; the search's own choice if None.
+        episodes_per_fitness: Episodes whose mean return is a candidate's fitness.
+        common_random_numbers: All candidates of a generation play the same episodes: same starts, same noise.
+        greedy: Candidates take the most probable action instead of a random one. A policy for continuous actions is
+            deterministic anyway.
+        choice: The policy that the search comes up with. ``"best"``: the candidate of highest fitness so far;
+            ``"mean"``: the centre of the search distribution, for a fitness so noisy that the best one was lucky.
+        restarts: Begin again elsewhere when the search distribution has shrunk to a point, or has run out of
+            ``patience``. If False, the run ends there.
+        patience: Evaluations in a row without a better fitness after which a search is given up; null for no limit.
+    """
+
+    sigma0: float = 1.0
+    start_std: float = 0.0
+    population: int | None = None
+    episodes_per_fitness: int = 1
+    common_random_numbers: bool = True
+    greedy: bool = False
+    choice: str = "best"
+    restarts: bool = True
+    patience: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field if a value is out of range."""
+        accepted = {
+            "sigma0": (0.0 < self.sigma0 < np.inf, "positive and finite"),
+            "start_std": (0.0 <= self.start_std < np.inf, "0 or more"),
+            "episodes_per_fitness": (self.episodes_per_fitness >= 1, "at least 1"),
+            "choice": (self.choice in CHOICES, f"one of {', '.join(CHOICES)}"),
+        }
+        for name, (fits, what) in accepted.items():
+            if not fits:
+                raise ValueError(f"{name} must be {what}, got {getattr(self, name)!r}")
+
+    def search_options(self) -> dict[str, Any]:
+        """The settings that are the search's own."""
+        shared = {f.name for f in fields(PolicySearchConfig)} - {"population", "patience"}
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in shared}
+
+
+ConfigT = TypeVar("ConfigT", bound=PolicySearchConfig)
+
+
+class PolicySearch(Algorithm[ConfigT]):
+    """A ``Search`` over the weights of a policy; see ``Algorithm`` for the arguments.
+
+    Attributes:
+        search: The search; its ``best.evaluation`` is the number of the evaluation that found the best candidate.
+    """
+
+    deterministic_policy = True
+    default_policy = PolicyConfig(hidden_size=2, bias=False)
+    search_type: ClassVar[type[Search]]
+
+    def __init__(
+        self,
+        env: Env,
+        config: ConfigT | None = None,
+        *,
+        policy: PolicyConfig | RecurrentPolicy | None = None,
+        seed: int = 0,
+        threads: int = 1,
+        env_kwargs: dict[str, Any] | None = None,
+        max_episode_steps: int | None = None,
+        **overrides: Any,
+    ) -> None:
+        super().__init__(
+            env,
+            config,
+            policy=policy,
+            seed=seed,
+            threads=threads,
+            env_kwargs=env_kwargs,
+            max_episode_steps=max_episode_steps,
+            **overrides,
+        )
+        self.search = self._make_search()
+        self._generation_best = -np.inf
+        self._incumbent = 0  # the evaluation that found the weights in self.policy, if choice is "best"
+
+    def _make_search(self) -> Search:
+        config, key = self.config, stream_key(self.seed, SEARCH)
+        options = config.search_options()
+        x0 = self.policy.vector()
+        if config.start_std > 0.0:
+            x0 += config.start_std * np.random.default_rng(key).standard_normal(len(x0))
+        if not config.restarts:
+            return self.search_type(x0, config.sigma0, seed=key, **options)
+        spread = max(config.start_std / config.sigma0, 1.0)
+        return Restarts(self.search_type, x0, config.sigma0, spread=spread, seed=key, **options)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the search has nothing more to ask."""
+        return bool(self.search.stop())
+
+    @property
+    def evaluations(self) -> int:
+        """Fitness evaluations so far; of a solved task, those it took to come upon the policy that solves it."""
+        return self.search.best.evaluation if self.solved and self.config.choice == "best" else self.search.evaluations
+
+    def update(self) -> Metrics:
+        """One generation: ask, play, tell."""
+        start = perf_counter()
+        weights = self.search.ask()
+        asked = perf_counter()
+        returns, lengths = self.rollouts.evaluate(
+            self.policy,
+            weights,
+            key=self.training_key,
+            episodes=self._episode_numbers(len(weights)),
+            greedy=self.config.greedy,
+        )
+        played = perf_counter()
+        fitness = returns.mean(axis=1)
+        self.search.tell(weights, fitness)
+        self._load_policy()
+        self._generation_best = float(fitness.max())
+        self.updates += 1
+        self.episodes += returns.size
+        self.env_steps += int(lengths.sum())
+        self.recent_returns.extend(returns.ravel()[-RECENT_EPISODES:].tolist())
+        told = perf_counter()
+        return {
+            "return": float(returns.mean()),
+            "episode_length": float(lengths.mean()),
+            "generation_best": self._generation_best,
+            "best": self.search.best.fitness,
+            "evaluations": self.search.evaluations,
+            "sigma": float(np.exp(np.log(self.search.stds).mean())),
+            "searches": self.search.runs if isinstance(self.search, Restarts) else 1,
+            "time/sample": played - asked,
+            "time/search": told - played + asked - start,
+        }
+
+    def check_solved(self) -> bool:
+        """Whether 100 evaluation episodes of the policy reach the environment's reward threshold.
+
+        They are played only when the generation's best candidate did in its own, or, if the policy is the mean of
+        the search, when the last 100 candidates did on average.
+        """
+        threshold = self.rollouts.reward_threshold
+        if threshold is None:
+            return False
+        if self.config.choice == "mean":
+            return super().check_solved()
+        return self._generation_best >= threshold and self.solving_return() >= threshold
+
+    def _load_policy(self) -> None:
+        """Put what the search has come up with into the policy."""
+        best = self.search.best
+        if self.config.choice == "mean":
+            self.policy.load_vector(self.search.mean)
+        elif best.x is not None and best.evaluation != self._incumbent:
+            self.policy.load_vector(best.x)
+            self._incumbent = best.evaluation
+
+    def _episode_numbers(self, candidates: int) -> NDArray[np.int64]:
+        """The numbers of the episodes that each candidate plays, ``(n, E)``."""
+        each = self.config.episodes_per_fitness
+        if self.config.common_random_numbers:
+            return np.broadcast_to(self.episodes + np.arange(each), (candidates, each))
+        return self.episodes + np.arange(candidates * each).reshape(candidates, each)
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that the rest of the run depends on."""
+        return {
+            **super().state_dict(),
+            "search": _mapped(self.search.state_dict(), np.ndarray, torch.from_numpy),
+            "generation_best": self._generation_best,
+            "incumbent": self._incumbent,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on exactly where ``state_dict`` was taken."""
+        super().load_state_dict(state)
+        self.search.load_state_dict(_mapped(state["search"], torch.Tensor, torch.Tensor.numpy))
+        self._generation_best = state["generation_best"]
+        self._incumbent = state["incumbent"]
+
+
+def _mapped(state: Any, kind: type[Any], convert: Callable[[Any], Any]) -> Any:
+    """Nested dictionaries with all values of one kind converted: checkpoints hold tensors, searches arrays."""
+    if isinstance(state, dict):
+        return {key: _mapped(value, kind, convert) for key, value in state.items()}
+    return convert(state) if isinstance(state, kind) else state
+
+
+@dataclass
+class NESConfig(PolicySearchConfig):
+    """How NES searches; see ``dpsearch.search.NES`` for what is not explained here."""
+
+    learning_rate: float = 1.0
+    gradient: str = "regression"
+    update: str = "exponential"
+    importance_mixing: bool = True
+    refresh_rate: float = 0.01
+
+
+@dataclass
+class XNESConfig(PolicySearchConfig):
+    """How xNES searches; see ``dpsearch.search.XNES`` for what is not explained here."""
+
+    learning_rate: float = 1.0
+    sigma_learning_rate: float | None = None
+    shape_learning_rate: float | None = None
+    adaptation_sampling: bool = False
+    importance_mixing: bool = False
+    refresh_rate: float = 0.01
+
+
+@dataclass
+class SNESConfig(PolicySearchConfig):
+    """How SNES searches; see ``dpsearch.search.SNES`` for what is not explained here."""
+
+    learning_rate: float = 1.0
+    sigma_learning_rate: float | None = None
+    importance_mixing: bool = False
+    refresh_rate: float = 0.01
+
+
+@dataclass
+class FEMConfig(PolicySearchConfig):
+    """How FEM searches; see ``dpsearch.search.FEM`` for what is not explained here."""
+
+    online: bool = True
+    forget_factor: float | None = None
+    window: int | None = None
+    top: int | None = None
+    covariance: str = "full"
+    elitist: bool = False
+    expansion: float = 1.0
+
+
+@dataclass
+class CMAESConfig(PolicySearchConfig):
+    """How CMA-ES searches; see ``dpsearch.search.CMAES``."""
+
+
+class NESPolicySearch(PolicySearch[NESConfig]):
+    """Natural evolution strategies over the weights of a policy."""
+
+    name = "nes"
+    config_type = NESConfig
+    search_type = NES
+
+
+class XNESPolicySearch(PolicySearch[XNESConfig]):
+    """Exponential NES over the weights of a policy."""
+
+    name = "xnes"
+    config_type = XNESConfig
+    search_type = XNES
+
+
+class SNESPolicySearch(PolicySearch[SNESConfig]):
+    """Separable NES over the weights of a policy."""
+
+    name = "snes"
+    config_type = SNESConfig
+    search_type = SNES
+
+
+class FEMPolicySearch(PolicySearch[FEMConfig]):
+    """Fitness expectation maximization over the weights of a policy."""
+
+    name = "fem"
+    config_type = FEMConfig
+    search_type = FEM
+
+
+class CMAESPolicySearch(PolicySearch[CMAESConfig]):
+    """CMA-ES over the weights of a policy."""
+
+    name = "cmaes"
+    config_type = CMAESConfig
+    search_type = CMAES

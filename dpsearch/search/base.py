@@ -1,0 +1,315 @@
+"""What every black-box search offers: ask for points, tell their fitness, and see how it stands.
+
+::
+
+    search = XNES(x0=np.zeros(5), sigma0=0.5, seed=1)
+    while not search.stop():
+        points = search.ask()                    # (n, d)
+        search.tell(points, [f(x) for x in points])
+    print(search.best.fitness, search.best.x)
+
+Fitness is maximised: to minimise a cost, tell its negative.
+"""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import ThreadpoolController
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best point told so far.
+
+    Attributes:
+        x: ``(d,)``, or None before the first finite fitness.
+        fitness: Its fitness, -inf before that.
+        evaluation: The number of the evaluation that found it, from 1; 0 before that.
+    """
+
+    x: Vector | None
+    fitness: float
+    evaluation: int
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a search has come to.
+
+    Attributes:
+        best: The best point told so far.
+        evaluations: Fitness values told.
+        generations: Calls of ``tell``.
+        invalid: How many of the values were NaN or infinite.
+        mean: ``(d,)``, the centre of the search distribution: on a noisy fitness better than ``best``.
+        stds: ``(d,)``, its standard deviations along the axes.
+        stop: Why it stopped, reason -> value; empty if it has not.
+    """
+
+    best: Best
+    evaluations: int
+    generations: int
+    invalid: int
+    mean: Vector
+    stds: Vector
+    stop: dict[str, Any]
+
+
+class Search(ABC):
+    """A search for the point of highest fitness, by asking and telling.
+
+    All randomness is a function of (seed, generation): asking twice gives the same points, and a search goes on from
+    ``state_dict`` bit for bit. Linear algebra uses one thread: sums do not depend on how many there are, and at
+    these sizes more would be slower, on a busy machine by far.
+
+    Args:
+        x0: ``(d,)``, where to begin.
+        sigma0: Initial standard deviation, positive: one number, or ``(d,)`` of them.
+        population: Points of a generation; the algorithm's own choice if None.
+        seed: Of everything random, in [0, 2**64); drawn from the system if None.
+        target: Stop when this fitness is reached.
+        max_evaluations: Stop after so many fitness values.
+        tolx: Stop when all standard deviations are below this part of their initial values.
+        patience: Stop when so many evaluations in a row brought no better fitness.
+
+    Raises:
+        ValueError: If one of these is out of range.
+    """
+
+    name: ClassVar[str]
+    _saved: ClassVar[tuple[str, ...]] = (
+        "evaluations",
+        "generations",
+        "invalid",
+        "_best",
+        "_best_evaluation",
+        "_best_x",
+    )
+
+    def __init__(
+        self,
+        x0: ArrayLike,
+        sigma0: ArrayLike,
+        *,
+        population: int | None = None,
+        seed: int | None = None,
+        target: float | None = None,
+        max_evaluations: int | None = None,
+        tolx: float = 1e-14,
+        patience: int | None = None,
+    ) -> None:
+        self.x0 = np.array(x0, np.float64)
+        self.sigma0 = np.array(sigma0, np.float64)
+        if self.x0.ndim != 1 or self.x0.size == 0 or not np.isfinite(self.x0).all():
+            raise ValueError(f"x0 must be a vector of finite numbers, got {x0!r}")
+        if (
+            self.sigma0.shape not in ((), self.x0.shape)
+            or not np.isfinite(self.sigma0).all()
+            or (self.sigma0 <= 0).any()
+        ):
+            raise ValueError(
+                f"sigma0 must be a positive number, or one for each of {len(self.x0)} axes, got {sigma0!r}"
+            )
+        self.population = self.default_population(len(self.x0)) if population is None else population
+        if self.population < self.least_population:
+            raise ValueError(f"population must be at least {self.least_population}, got {population}")
+        if seed is not None and not 0 <= seed < 2**64:
+            raise ValueError(f"seed must be in [0, 2**64), got {seed}")
+        for name, number in (("max_evaluations", max_evaluations), ("patience", patience)):
+            if number is not None and number < 1:
+                raise ValueError(f"{name} must be at least 1, got {number}")
+        self.seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0]) if seed is None else int(seed)
+        self.target = target
+        self.max_evaluations = max_evaluations
+        self.tolx = tolx
+        self.patience = patience
+        self.evaluations = 0
+        self.generations = 0
+        self.invalid = 0
+        self._best = -np.inf
+        self._best_evaluation = 0
+        self._best_x = np.zeros(0)
+        self._asked: Matrix | None = None
+
+    least_population: ClassVar[int] = 2
+
+    @staticmethod
+    def default_population(dimension: int) -> int:
+        """4 + floor(3 ln d), the usual choice of evolution strategies."""
+        return 4 + int(3 * np.log(dimension))
+
+    @property
+    def dimension(self) -> int:
+        """Length d of a point."""
+        return len(self.x0)
+
+    @property
+    @abstractmethod
+    def mean(self) -> Vector:
+        """``(d,)``: the centre of the search distribution."""
+
+    @property
+    @abstractmethod
+    def stds(self) -> Vector:
+        """``(d,)``: the standard deviations of the search distribution along the axes."""
+
+    @abstractmethod
+    def _propose(self) -> Matrix:
+        """New points ``(n, d)``, a function of the state alone."""
+
+    @abstractmethod
+    def _learn(self, points: Matrix, fitness: Vector) -> None:
+        """Move the search distribution. Fitness is -inf where it was NaN or infinite."""
+
+    def ask(self) -> Matrix:
+        """The points ``(n, d)`` to be evaluated next; the same ones until they are told."""
+        if self._asked is None:
+            with one_blas_thread():
+                self._asked = self._propose()
+        return self._asked.copy()
+
+    def tell(self, points: ArrayLike, fitness: ArrayLike) -> None:
+        """Learn from the fitness of the points asked.
+
+        Args:
+            points: ``(n, d)``: what ``ask`` gave, or other points in their place (repaired or improved ones).
+            fitness: ``(n,)``, more is better. NaN and infinities count as the worst of all.
+
+        Raises:
+            ValueError: If the shapes are not those of the points asked, or a point is not finite.
+            RuntimeError: If nothing was asked.
+        """
+        if self._asked is None:
+            raise RuntimeError("tell() needs points that were asked: call ask() first")
+        told, values = np.array(points, np.float64), np.array(fitness, np.float64)
+        if told.shape != self._asked.shape or values.shape != told.shape[:1]:
+            expected = f"points {self._asked.shape} and fitness {self._asked.shape[:1]}"
+            raise ValueError(f"tell() expects {expected}, got {told.shape} and {values.shape}")
+        if not np.isfinite(told).all():
+            raise ValueError("a point told has a NaN or infinite coordinate")
+        valid = np.isfinite(values)
+        if not valid.all():
+            if self.invalid == 0:
+                warnings.warn("NaN or infinite fitness: ranked worst (said once; see result.invalid)", stacklevel=2)
+            self.invalid += int((~valid).sum())
+            values[~valid] = -np.inf
+        with one_blas_thread():
+            self._take(told, values)
+
+    def _take(self, points: Matrix, fitness: Vector) -> None:
+        """``tell`` for points and fitness that are known to be good; fitness is -inf where it was not finite."""
+        top = int(np.argmax(fitness))
+        if fitness[top] > self._best:
+            self._best, self._best_x = float(fitness[top]), points[top].copy()
+            self._best_evaluation = self.evaluations + top + 1
+        self._learn(points, fitness)
+        self.evaluations += len(fitness)
+        self.generations += 1
+        self._asked = None
+
+    def stop(self) -> dict[str, Any]:
+        """Why to stop, reason -> value; empty to go on.
+
+        ``target``: that fitness is reached. ``max_evaluations``: that many values were told. ``tolx``: the search
+        distribution has shrunk to a point. ``patience``: no better fitness for so many evaluations.
+        """
+        reasons: dict[str, Any] = {}
+        if self.target is not None and self._best >= self.target:
+            reasons["target"] = self._best
+        if self.max_evaluations is not None and self.evaluations >= self.max_evaluations:
+            reasons["max_evaluations"] = self.evaluations
+        if self.generations and (widest := float((self.stds / self.sigma0).max())) < self.tolx:
+            reasons["tolx"] = widest
+        if self.patience is not None and (vain := self.evaluations - self._best_evaluation) >= self.patience:
+            reasons["patience"] = vain
+        return reasons
+
+    @property
+    def best(self) -> Best:
+        """The best point told so far."""
+        return Best(self._best_x.copy() if self._best_evaluation else None, self._best, self._best_evaluation)
+
+    @property
+    def result(self) -> Result:
+        """How the search stands."""
+        return Result(self.best, self.evaluations, self.generations, self.invalid, self.mean, self.stds, self.stop())
+
+    def maximize(
+        self, f: Callable[[Vector], float], *, callback: Callable[[Self], bool | None] | None = None
+    ) -> Result:
+        """Ask and tell until ``stop()`` says why.
+
+        Args:
+            f: The fitness of one point ``(d,)``.
+            callback: Called with the search after each generation; False stops.
+
+        Raises:
+            ValueError: If neither target, max_evaluations nor callback is given: on a flat or unbounded fitness
+                nothing else might ever stop it.
+        """
+        if self.target is None and self.max_evaluations is None and callback is None:
+            raise ValueError("maximize() needs a target, max_evaluations or a callback")
+        while not self.stop():
+            points = self.ask()
+            self.tell(points, np.fromiter((f(x) for x in points), np.float64, len(points)))
+            if callback is not None and callback(self) is False:
+                break
+        return self.result
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that the rest of the search depends on: numbers and arrays."""
+        state = {name.strip("_"): getattr(self, name) for name in self._saved}
+        return copy.deepcopy(state) | {"seed": self.seed, "dimension": self.dimension}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on exactly where ``state_dict`` was taken, from a search that was made with the same arguments.
+
+        Raises:
+            KeyError: If something is missing.
+            ValueError: If the state is of a search of another dimension.
+        """
+        if state["dimension"] != self.dimension:
+            raise ValueError(
+                f"the state is of dimension {state['dimension']}, this search of dimension {self.dimension}"
+            )
+        loaded = {name: state[name.strip("_")] for name in (*self._saved, "seed")}
+        for name, value in loaded.items():
+            mine = getattr(self, name)
+            setattr(self, name, np.array(value, np.float64) if isinstance(mine, np.ndarray) else copy.deepcopy(value))
+        self._asked = None
+
+    def _generator(self) -> np.random.Generator:
+        """The random numbers of this generation."""
+        return np.random.Generator(np.random.Philox(key=self.seed, counter=self.generations << 128))
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
+    """A context in which linear algebra uses one thread."""
+    limit: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    return limit
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """The numerical libraries that are loaded, looked up once: it takes a few milliseconds."""
+    return ThreadpoolController()
+
+
+def check_positive(**values: float) -> None:
+    """Raise a ValueError that names the first value that is not positive and finite."""
+    for name, value in values.items():
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"{name} must be positive and finite, got {value}")

@@ -1,0 +1,109 @@
+"""CMA-ES: the ``cma`` package behind this package's interface, as the peer to measure against and as a choice.
+
+N. Hansen, Y. Akimoto and P. Baudis, "CMA-ES/pycma"; with active covariance updates, which are its default.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dpsearch.search.base import Matrix, Search, Vector, one_blas_thread
+
+QUIET = {"verbose": -9, "verb_log": 0, "signals_filename": "", "seed": np.nan}
+
+
+class CMAES(Search):
+    """CMA-ES; ask, tell and all else as in ``Search``.
+
+    What the package keeps cannot be saved without executing what is loaded, so the state is the list of all that was
+    told, and ``load_state_dict`` tells it once more: exact, and about as fast as the search itself.
+
+    Args:
+        x0: ``(d,)``, the initial mean.
+        sigma0: Initial standard deviation: one number, or ``(d,)`` of them.
+        cma_options: Other options, as ``cma.CMAOptions`` has them.
+        **options: See ``Search``.
+
+    Attributes:
+        es: The ``cma.CMAEvolutionStrategy`` itself. It minimises.
+
+    Raises:
+        ValueError: If an argument is out of range or unknown to the package.
+    """
+
+    name = "cmaes"
+    _saved = (*Search._saved, "_told", "_replaced")
+
+    def __init__(
+        self, x0: ArrayLike, sigma0: ArrayLike, *, cma_options: dict[str, Any] | None = None, **options: Any
+    ) -> None:
+        super().__init__(x0, sigma0, **options)
+        self._told = np.zeros(0)  # the fitness of all generations, one after another
+        self._replaced: dict[int, Matrix] = {}  # generation -> points told in place of those asked
+        step = float(self.sigma0.max())
+        settings = {"popsize": self.population, "CMA_stds": np.broadcast_to(self.sigma0 / step, self.x0.shape).copy()}
+        self._settings = (self.x0, step, {**QUIET, **settings, "randn": self._randn, **(cma_options or {})})
+        self._begin()
+
+    @property
+    def mean(self) -> Vector:
+        """``(d,)``: the centre of the search distribution."""
+        return np.array(self.es.mean)
+
+    @property
+    def stds(self) -> Vector:
+        """``(d,)``: the standard deviations of the search distribution along the axes."""
+        return np.array(self.es.stds)
+
+    def stop(self) -> dict[str, Any]:
+        """Why to stop, reason -> value: this package's reasons and those of ``cma``."""
+        return {**super().stop(), **self.es.stop()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on exactly where ``state_dict`` was taken; see ``Search``."""
+        super().load_state_dict(state)
+        told = self._told.reshape(self.generations, self.population)
+        self.generations = 0
+        self._begin()
+        with one_blas_thread():
+            for fitness in told:
+                asked = self._propose()
+                self._tell(self._replaced.get(self.generations, asked), fitness)
+                self.generations += 1
+
+    def _begin(self) -> None:
+        self._random = self._generator()
+        self.es = _cma().CMAEvolutionStrategy(*self._settings)
+
+    def _propose(self) -> Matrix:
+        self._random = self._generator()
+        return np.array(self.es.ask())
+
+    def _learn(self, points: Matrix, fitness: Vector) -> None:
+        if not np.array_equal(points, self.ask()):
+            self._replaced[self.generations] = points
+        self._told = np.append(self._told, fitness)
+        self._tell(points, fitness)
+
+    def _tell(self, points: Matrix, fitness: Vector) -> None:
+        finite = fitness[np.isfinite(fitness)]
+        worst = -finite.min() + 1.0 if len(finite) else 0.0  # infinite costs upset its bookkeeping
+        self.es.tell(list(points), np.where(np.isfinite(fitness), -fitness, worst).tolist())
+
+    def _randn(self, *shape: int) -> Matrix:
+        return self._random.standard_normal(shape)
+
+
+@cache
+def _cma() -> ModuleType:
+    """The package, imported when it is needed: it imports Matplotlib, and warns of what is not used here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import cma
+    return cma  # type: ignore[no-any-return]

@@ -1,0 +1,136 @@
+"""FEM, fitness expectation maximization: chapter 5 of the thesis, algorithm 5.1.
+
+The search distribution is fitted, by maximum likelihood, to its own samples weighted by the utility of their fitness.
+Online, every sample moves it at once (section 5.3):
+
+    u_k = u(f(z_k) | f(z_k-1), .., f(z_k-N))
+    x      <- (1 - alpha u_k) x      + alpha u_k z_k
+    Sigma  <- (1 - alpha u_k) Sigma  + alpha u_k (z_k - x) (z_k - x)^T
+
+The one thing to understand: the second x is the new one. In local coordinates, z = x + A y, the last line is the
+rank-one update A <- A sqrt(1 - w) (I + (r - 1) y y^T / |y|^2) with w = alpha u and r = sqrt(1 + w (1 - w) |y|^2), so
+Sigma = A A^T is positive definite for ever.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dpsearch.search.base import Matrix, Vector, check_positive
+from dpsearch.search.gaussian import GaussianSearch
+from dpsearch.search.shaping import top_linear
+
+COVARIANCES = ("full", "diagonal")
+LEAST_EIGENVALUE = 1e-12  # of a fitted covariance, relative to the one before
+
+
+class FEM(GaussianSearch):
+    """Fitness expectation maximization; ask, tell and all else as in ``Search``.
+
+    Args:
+        x0: ``(d,)``, the initial mean.
+        sigma0: Initial standard deviation: one number, or ``(d,)`` of them.
+        online: Learn from each sample, so that ``ask`` gives one point at a time; else a generation at once.
+        forget_factor: alpha in (0, 1].
+        window: How many of the last samples N, the newest one included, the newest is ranked among. Nothing is
+            learned before there are as many. Online only; in batches, the population is ranked.
+        top: How many of the window, or of the population, have a utility above 0: m, from 1 up linearly.
+        covariance: ``"full"`` or ``"diagonal"``.
+        elitist: The best sample so far never leaves the window.
+        expansion: Factor of the samples' part in the new covariance; above 1 the distribution shrinks later.
+        **options: See ``Search``.
+
+    Attributes:
+        repairs: How often a batch did not span all dimensions, so that its covariance had to be filled up. Online
+            there is no need.
+
+    Raises:
+        ValueError: If an argument is out of range.
+    """
+
+    name = "fem"
+    least_population = 1
+    _saved = (*GaussianSearch._saved, "repairs", "_window")
+
+    def __init__(
+        self,
+        x0: ArrayLike,
+        sigma0: ArrayLike,
+        *,
+        online: bool = True,
+        forget_factor: float | None = None,
+        window: int | None = None,
+        top: int | None = None,
+        covariance: str = "full",
+        elitist: bool = False,
+        expansion: float = 1.0,
+        population: int | None = None,
+        **options: Any,
+    ) -> None:
+        if covariance not in COVARIANCES:
+            raise ValueError(f"covariance must be one of {', '.join(COVARIANCES)}, got {covariance!r}")
+        if online and (population is not None or options.get("importance_mixing")):
+            raise ValueError("population and importance_mixing are for batches: give online=False, or set window")
+        diagonal = covariance == "diagonal"
+        super().__init__(x0, sigma0, population=1 if online else population, diagonal=diagonal, **options)
+        self.online = online
+        self.forget_factor = 0.05 if forget_factor is None else forget_factor
+        self.window = 50 if window is None else window
+        self.elitist = elitist
+        self.expansion = expansion
+        if self.window < 1:
+            raise ValueError(f"window must be at least 1, got {window}")
+        ranked = self.window if online else self.population
+        self.top = min(5, ranked) if top is None else top
+        if not 0.0 < self.forget_factor <= 1.0:
+            raise ValueError(f"forget_factor must be in (0, 1], got {forget_factor}")
+        if not 1 <= self.top <= ranked:
+            raise ValueError(f"top must be from 1 to {ranked}, of which it is a part, got {self.top}")
+        check_positive(expansion=expansion)
+        self.repairs = 0
+        self._window = np.zeros(0)
+
+    def _step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
+        return self._sample_step(local[0], float(fitness[0])) if self.online else self._batch_step(local, fitness)
+
+    def _sample_step(self, y: Vector, fitness: float) -> tuple[Vector, Matrix]:
+        """Algorithm 5.1."""
+        w = self.forget_factor * self._rank(fitness)
+        if self.diagonal:
+            return w * y, np.sqrt((1.0 - w) * (1.0 + self.expansion * w * (1.0 - w) * y**2))
+        gain = self.expansion * w * (1.0 - w)
+        r = np.sqrt(1.0 + gain * (y @ y))
+        # gain / (r + 1) is (r - 1) / |y|^2, also where y is 0
+        return w * y, np.sqrt(1.0 - w) * (np.eye(len(y)) + np.outer(gain / (r + 1.0) * y, y))
+
+    def _rank(self, fitness: float) -> float:
+        """The utility of a new sample among the last of them; 0 while there are too few."""
+        seen = self._window
+        if len(seen) == self.window:
+            oldest = 1 if self.elitist and len(seen) > 1 and seen[0] == seen.max() and (seen[1:] < seen[0]).all() else 0
+            seen = np.delete(seen, oldest)
+        self._window = np.append(seen, fitness)
+        if len(self._window) < self.window:
+            return 0.0
+        better = int((seen > fitness).sum())
+        rank = better + 0.5 * int((seen == fitness).sum())
+        return max(0.0, 1.0 - rank / self.top)
+
+    def _batch_step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
+        """Section 5.2.2: the Gaussian most likely to have produced the samples, weighted by utility."""
+        utilities = top_linear(fitness, self.top)
+        weights = self.forget_factor * utilities / utilities.sum()
+        shift = weights @ local
+        spread = local - shift
+        kept = 1.0 - self.forget_factor
+        if self.diagonal:
+            variance = kept + self.expansion * (weights @ spread**2)
+            self.repairs += int((variance < LEAST_EIGENVALUE).any())
+            return shift, np.sqrt(np.maximum(variance, LEAST_EIGENVALUE))
+        covariance = kept * np.eye(len(shift)) + self.expansion * (spread.T * weights) @ spread
+        values, vectors = np.linalg.eigh(covariance)
+        self.repairs += int(values[0] < LEAST_EIGENVALUE)
+        return shift, (vectors * np.sqrt(np.maximum(values, LEAST_EIGENVALUE))) @ vectors.T

@@ -1,0 +1,140 @@
+"""Searches whose distribution is a Gaussian, in local coordinates: x = mean + factor y with y ~ N(0, I).
+
+Written in y, an update is well conditioned however small or stretched the distribution has become. It is a pair
+(shift, stretch): the mean moves to where y = shift is, and the factor becomes factor @ stretch.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dpsearch.search import importance_mixing
+from dpsearch.search.base import Matrix, Search, Vector
+
+
+class GaussianSearch(Search):
+    """A search that samples from N(mean, factor factor^T).
+
+    Args:
+        x0: ``(d,)``, the initial mean.
+        sigma0: Initial standard deviation: one number, or ``(d,)`` of them.
+        importance_mixing: Keep those points of the last generation that suit the moved distribution, so that fewer
+            have to be evaluated: ``ask`` then gives only the new ones (section 4.5).
+        refresh_rate: The least part of a generation that is new, eta in (0, 1]. Only with importance mixing.
+        diagonal: Keep the covariance diagonal.
+        **options: See ``Search``.
+
+    Raises:
+        ValueError: If an argument is out of range.
+    """
+
+    _saved = (
+        *Search._saved,
+        "_mean",
+        "_factor",
+        "_kept_local",
+        "_kept_fitness",
+        "_shift",
+        "_stretch",
+    )
+
+    def __init__(
+        self,
+        x0: ArrayLike,
+        sigma0: ArrayLike,
+        *,
+        importance_mixing: bool = False,
+        refresh_rate: float = 0.01,
+        diagonal: bool = False,
+        **options: Any,
+    ) -> None:
+        super().__init__(x0, sigma0, **options)
+        self.diagonal = diagonal
+        if not 0.0 < refresh_rate <= 1.0:
+            raise ValueError(f"refresh_rate must be in (0, 1], got {refresh_rate}")
+        self.importance_mixing = importance_mixing
+        self.refresh_rate = refresh_rate
+        stds = np.broadcast_to(self.sigma0, self.x0.shape).copy()
+        self._mean = self.x0.copy()
+        self._factor = stds if self.diagonal else np.diag(stds)
+        # the last generation in the local coordinates it was drawn in, and the step since then
+        self._kept_local = np.zeros((0, self.dimension))
+        self._kept_fitness = np.zeros(0)
+        self._shift = np.zeros(self.dimension)
+        self._stretch = np.ones(self.dimension) if self.diagonal else np.eye(self.dimension)
+        self._local = np.zeros((0, self.dimension))  # of the points asked
+        self._staying = np.zeros((0, self.dimension))  # of those that need not be evaluated again
+        self._staying_fitness = np.zeros(0)
+
+    @property
+    def mean(self) -> Vector:
+        """``(d,)``: the centre of the search distribution."""
+        return self._mean.copy()
+
+    @property
+    def factor(self) -> Matrix:
+        """``(d, d)``: a root of the covariance matrix, or ``(d,)`` standard deviations if that is diagonal."""
+        return self._factor.copy()
+
+    @property
+    def stds(self) -> Vector:
+        """``(d,)``: the standard deviations of the search distribution along the axes."""
+        return self._factor.copy() if self.diagonal else np.sqrt((self._factor**2).sum(axis=1))
+
+    @abstractmethod
+    def _step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
+        """The update (shift ``(d,)``, stretch ``(d, d)`` or ``(d,)``) from points ``(n, d)`` in local coordinates."""
+
+    def _propose(self) -> Matrix:
+        generator = self._generator()
+        self._staying, self._staying_fitness = np.zeros((0, self.dimension)), np.zeros(0)
+        if not (self.importance_mixing and len(self._kept_local)):
+            self._local = generator.standard_normal((self.population, self.dimension))
+        else:
+            before = self._kept_local
+            now = _into(self._stretch, before - self._shift)
+            # a point's density is that of its y, divided by the volume of the factor
+            volume = np.log(np.abs(self._stretch)).sum() if self.diagonal else np.linalg.slogdet(self._stretch)[1]
+            staying = importance_mixing.keep(
+                0.5 * ((before**2).sum(axis=1) - (now**2).sum(axis=1)) - volume, self.refresh_rate, generator
+            )
+            self._staying, self._staying_fitness = now[staying], self._kept_fitness[staying]
+
+            def log_ratio(y: Matrix) -> Vector:
+                old = self._shift + _out_of(self._stretch, y)
+                ratio: Vector = 0.5 * ((old**2).sum(axis=1) - (y**2).sum(axis=1)) - volume
+                return ratio
+
+            missing = self.population - len(self._staying)
+            self._local = importance_mixing.renew(missing, self.dimension, log_ratio, self.refresh_rate, generator)
+        return self._mean + _out_of(self._factor, self._local)
+
+    def _learn(self, points: Matrix, fitness: Vector) -> None:
+        local = self._local
+        if not np.array_equal(points, self.ask()):  # others were told in their place
+            local = _into(self._factor, points - self._mean)
+        if len(self._staying):
+            local = np.concatenate([local, self._staying])
+            fitness = np.concatenate([fitness, self._staying_fitness])
+        shift, stretch = self._step(local, fitness)
+        self._mean = self._mean + _out_of(self._factor, shift)
+        self._factor = self._factor * stretch if self.diagonal else self._factor @ stretch
+        if self.importance_mixing:
+            self._kept_local, self._kept_fitness = local, fitness
+            self._shift, self._stretch = shift, stretch
+
+
+def _out_of(factor: Matrix, local: Matrix) -> Matrix:
+    """``factor y`` for one y or for the rows of a matrix."""
+    return local * factor if factor.ndim == 1 else local @ factor.T
+
+
+def _into(factor: Matrix, points: Matrix) -> Matrix:
+    """The y with ``factor y = point`` for the rows of a matrix."""
+    if factor.ndim == 1:
+        return points / factor
+    return np.asarray(np.linalg.solve(factor, points.T).T)

@@ -1,0 +1,130 @@
+"""NES, natural evolution strategies: chapter 4 of the thesis, algorithm 4.1.
+
+A generation of points z ~ N(x, A^T A) is shaped by rank, and the search distribution follows the natural gradient of
+its expected fitness, which is a linear regression (section 4.6):
+
+    delta theta = (Phi^T Phi)^-1 Phi^T R,      Phi = [grad_x log pi(z_k), grad_A log pi(z_k), 1]
+
+The one thing to understand: in local coordinates, z = x + A^T y, the regressors become y, y y^T - I and 1, whatever
+x and A are. So the regression stays well conditioned to the end of the search, and the steps found,
+x + A^T shift and A <- exp(M) A, are those of algorithm 4.1 to first order.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+
+from dpsearch.search.base import Matrix, Vector, check_positive
+from dpsearch.search.gaussian import GaussianSearch
+from dpsearch.search.shaping import relative_rank
+from dpsearch.search.xnes import matrix_exponential
+
+GRADIENTS = ("regression", "exact")
+UPDATES = ("exponential", "additive")
+
+
+class NES(GaussianSearch):
+    """Natural evolution strategies as in the thesis; ask, tell and all else as in ``Search``.
+
+    Args:
+        x0: ``(d,)``, the initial mean.
+        sigma0: Initial standard deviation: one number, or ``(d,)`` of them.
+        learning_rate: Step size alpha.
+        gradient: ``"regression"``: as above; where there are fewer points than parameters, the shortest solution.
+            ``"exact"``: with the Fisher matrix in closed form, which in local coordinates is diagonal (Sun, Wierstra,
+            Schaul and Schmidhuber, "Efficient natural evolution strategies", GECCO 2009), and the mean utility as
+            the fitness baseline.
+        update: ``"exponential"``: A <- exp(M) A, always of full rank. ``"additive"``: A <- A + delta A with A upper
+            triangular, word for word as in algorithm 4.1.
+        importance_mixing: Evaluate only the points that the last generation does not provide (section 4.5).
+        **options: See ``GaussianSearch``. The population is 15 d by default.
+
+    Raises:
+        ValueError: If an argument is out of range.
+    """
+
+    name = "nes"
+
+    def __init__(
+        self,
+        x0: ArrayLike,
+        sigma0: ArrayLike,
+        *,
+        learning_rate: float = 1.0,
+        gradient: str = "regression",
+        update: str = "exponential",
+        importance_mixing: bool = True,
+        **options: Any,
+    ) -> None:
+        super().__init__(x0, sigma0, importance_mixing=importance_mixing, diagonal=False, **options)
+        check_positive(learning_rate=learning_rate)
+        for name, value, accepted in (("gradient", gradient, GRADIENTS), ("update", update, UPDATES)):
+            if value not in accepted:
+                raise ValueError(f"{name} must be one of {', '.join(accepted)}, got {value!r}")
+        self.learning_rate = learning_rate
+        self.gradient = gradient
+        self.update = update
+
+    @staticmethod
+    def default_population(dimension: int) -> int:
+        """15 d (section 4.7)."""
+        return 15 * dimension
+
+    def _step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
+        utilities = relative_rank(fitness)
+        natural = regression_gradient if self.gradient == "regression" else exact_gradient
+        shift, m = natural(local, utilities)
+        if self.update == "exponential":
+            return self.learning_rate * shift, matrix_exponential(self.learning_rate * m)
+        # A <- (I + alpha T) A with T upper triangular and T + T^T = 2 M; the factor is A^T
+        return self.learning_rate * shift, np.eye(self.dimension) + self.learning_rate * (np.tril(m, -1) + np.tril(m))
+
+
+def regression_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
+    """Least squares fit of utilities by y, y y^T - I and 1: the coefficients (shift ``(d,)``, M ``(d, d)``).
+
+    Columns are scaled so that they are orthonormal under N(0, I). Then the shortest of several solutions is the one
+    nearest to the old distribution in terms of the Kullback-Leibler divergence.
+    """
+    n, d = local.shape
+    i, j = _upper_indices(d)
+    products = local[:, i] * local[:, j]
+    products[:, i == j] = (products[:, i == j] - 1.0) / np.sqrt(2.0)
+    regressors = np.concatenate([local, products, np.ones((n, 1))], axis=1)
+    coefficients = _least_squares(regressors, utilities)
+    m = np.zeros((d, d))
+    m[i, j] = coefficients[d:-1] / np.where(i == j, np.sqrt(2.0), 2.0)
+    return coefficients[:d], m + np.triu(m, 1).T
+
+
+def exact_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
+    """Mean of (u - baseline) y, and of (u - baseline) (y y^T - I) / 2: the Fisher matrix of M is 2 I."""
+    advantages = (utilities - utilities.mean()) / len(utilities)
+    return advantages @ local, 0.5 * (local.T * advantages) @ local
+
+
+@cache
+def _upper_indices(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    i, j = np.triu_indices(d)
+    return i, j
+
+
+def _least_squares(regressors: Matrix, targets: Vector) -> Vector:
+    """The shortest least squares solution, by normal equations on the smaller side where they are good enough."""
+    tall = len(regressors) >= regressors.shape[1]
+    gram = regressors.T @ regressors if tall else regressors @ regressors.T
+    try:
+        factor = linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
+        diagonal = np.diag(factor[0])
+        if diagonal.min() > 1e-6 * diagonal.max():
+            if tall:
+                return np.asarray(linalg.cho_solve(factor, regressors.T @ targets, check_finite=False))
+            return np.asarray(regressors.T @ linalg.cho_solve(factor, targets, check_finite=False))
+    except linalg.LinAlgError:
+        pass
+    return np.asarray(np.linalg.lstsq(regressors, targets, rcond=None)[0])
