@@ -262,6 +262,8 @@ class FEMConfig(PolicySearchConfig):
 
     online: bool = True
     forget_factor: float | None = None
+    covariance_forget_factor: float | None = None
+    centre: str | None = None
     window: int | None = None
     top: int | None = None
     covariance: str = "full"

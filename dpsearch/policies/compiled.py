@@ -38,7 +38,8 @@ class CompiledPolicy:
         n_outputs: Rows of output.
         action_size: Rows of action.
         draws: Uniform numbers an action needs.
-        order: Where each packed weight stands in ``RecurrentPolicy.vector()``, ``(P,)``.
+        order: Where each packed weight stands in ``RecurrentPolicy.vector()``; P for a 0 and P + 1 for a 1 that no
+            parameter holds.
     """
 
     forward: Compiled
@@ -55,7 +56,8 @@ class CompiledPolicy:
 
     def pack(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weights ``(.., P)`` of ``RecurrentPolicy.vector()``'s layout, in the order that ``forward`` reads them."""
-        return np.ascontiguousarray(weights[..., self.order])
+        constants = np.broadcast_to([0.0, 1.0], (*weights.shape[:-1], 2))
+        return np.ascontiguousarray(np.concatenate([weights, constants], axis=-1)[..., self.order])
 
 
 @njit(inline="always")
@@ -179,8 +181,16 @@ def deterministic(sizes, noise, output, action):  # type: ignore[no-untyped-def]
             action[i, lane] = tanh(output[i, lane])
 
 
+@njit(SAMPLE, cache=True, nogil=True, error_model="numpy")
+def unsquashed(sizes, noise, output, action):  # type: ignore[no-untyped-def]
+    """The outputs as they are."""
+    action[:] = output[: sizes[0]]
+
+
 @cache
-def compiled_policy(core: str, observation_size: int, hidden_size: int, head: Head, bias: bool) -> CompiledPolicy:
+def compiled_policy(
+    core: str, observation_size: int, hidden_size: int, head: Head, bias: bool, readout: bool = True
+) -> CompiledPolicy:
     """The compiled twin of a ``RecurrentPolicy`` with these sizes."""
     n, inputs = hidden_size, observation_size
     forward, units, recurrent, hidden_rows, work_rows = {
@@ -194,7 +204,8 @@ def compiled_policy(core: str, observation_size: int, hidden_size: int, head: He
         case Gaussian():
             sample, mode, head_sizes = gaussian_sample, gaussian_mode, (head.size,)
         case Deterministic():
-            sample, mode, head_sizes = deterministic, deterministic, (head.action_size,)
+            squashed = deterministic if head.squash else unsquashed
+            sample, mode, head_sizes = squashed, squashed, (head.action_size,)
         case _:
             raise TypeError(f"no compiled sampling for a {type(head).__name__} head")
     return CompiledPolicy(
@@ -211,17 +222,24 @@ def compiled_policy(core: str, observation_size: int, hidden_size: int, head: He
         order=_order(
             [(units, inputs), (units, recurrent), (units, int(bias))],
             [(head.n_outputs, n), (head.n_outputs, int(bias))],
+            readout,
         ),
     )
 
 
-def _order(*layers: list[tuple[int, int]]) -> NDArray[np.intp]:
-    """Positions in a flat vector of matrices of these shapes, read with each layer's matrices side by side."""
+def _order(core: list[tuple[int, int]], readout: list[tuple[int, int]], has_readout: bool) -> NDArray[np.intp]:
+    """Positions in a flat vector of matrices of these shapes, read with each layer's matrices side by side.
+
+    Without a read-out its matrix is the identity and its bias 0, made of the constants that follow the vector.
+    """
     order, first = [], 0
-    for layer in layers:
+    for layer in (core, readout) if has_readout else (core,):
         blocks = []
         for rows, columns in layer:
             blocks.append(np.arange(first, first + rows * columns).reshape(rows, columns))
             first += rows * columns
         order.append(np.hstack(blocks).ravel())
+    if not has_readout:
+        (outputs, n), (_, biases) = readout
+        order.append(first + np.eye(outputs, n + biases, dtype=np.intp).ravel())
     return np.concatenate(order)

@@ -189,11 +189,13 @@ class Deterministic(Head):
 
     Args:
         size: Dimension of the action, each in (-1, 1).
+        squash: False takes the outputs as they are, if they are activations already.
     """
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, *, squash: bool = True) -> None:
         if size < 1:
             raise ValueError(f"a deterministic head needs at least one action dimension, got {size}")
+        self.squash = squash
         self.n_outputs = size
         self.action_size = size
         self.draws = 0
@@ -212,4 +214,4 @@ class Deterministic(Head):
 
     @override
     def mode(self, outputs: Tensor) -> Tensor:
-        return torch.tanh(outputs)
+        return torch.tanh(outputs) if self.squash else outputs

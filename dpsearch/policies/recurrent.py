@@ -33,6 +33,7 @@ class PolicyConfig:
     init_range: float = 0.01
     forget_bias: float = 0.0
     input_bias: float = 0.0
+    readout: bool = True
 
 
 class RecurrentPolicy(nn.Module):
@@ -49,6 +50,8 @@ class RecurrentPolicy(nn.Module):
             content from one step to the next: half with biases near 0, 99.97% with 8.
         input_bias: Added to the initial biases of its input gates; a negative one keeps cells from filling up with
             what is seen at every step.
+        readout: False leaves the linear read-out away: the first cells' activations are the outputs, as in a fully
+            recurrent network without a layer of its own for the output.
         seed: Seed of the initial weights.
     """
 
@@ -63,6 +66,7 @@ class RecurrentPolicy(nn.Module):
         init_range: float = 0.01,
         forget_bias: float = 0.0,
         input_bias: float = 0.0,
+        readout: bool = True,
         seed: int = 0,
     ) -> None:
         if core not in ("lstm", "rnn", "none"):
@@ -77,13 +81,15 @@ class RecurrentPolicy(nn.Module):
                 raise ValueError(f"{name} must be finite, got {added}")
         if (forget_bias or input_bias) and (core != "lstm" or not bias):
             raise ValueError(f"forget_bias and input_bias need an LSTM with biases, got core {core!r}, bias {bias}")
+        if not readout and hidden_size < head.n_outputs:
+            raise ValueError(f"readout must be true if hidden_size is below the {head.n_outputs} outputs needed")
         super().__init__()
         self.observation_size = observation_size
         self.hidden_size = hidden_size
         self.head = head
         self.core_type = cast(Core, core)
         self.bias = bias
-        self._config = PolicyConfig(core, hidden_size, bias, init_range, forget_bias, input_bias)
+        self._config = PolicyConfig(core, hidden_size, bias, init_range, forget_bias, input_bias, readout)
         self.core: nn.LSTM | nn.RNN | nn.Linear
         if core == "lstm":
             self.core = nn.LSTM(observation_size, hidden_size, bias=bias)
@@ -97,6 +103,12 @@ class RecurrentPolicy(nn.Module):
             redundant = self.core.get_parameter("bias_hh_l0")
             nn.init.zeros_(redundant)
             redundant.requires_grad_(False)
+        self.has_readout = readout
+        if not readout:
+            for fixed in self.readout.parameters():
+                fixed.requires_grad_(False)
+                nn.init.zeros_(fixed)
+            nn.init.eye_(self.readout.weight)
         self._initialise(init_range, forget_bias, input_bias, seed)
 
     @classmethod
@@ -122,7 +134,7 @@ class RecurrentPolicy(nn.Module):
             UnsupportedSpaceError: If a space is of a kind that no policy can handle.
         """
         config = config or PolicyConfig()
-        head = head_for(action_space, deterministic=deterministic)
+        head = head_for(action_space, deterministic=deterministic, squash=config.readout)
         return cls(observation_size(observation_space), head, seed=seed, **vars(config))
 
     def _initialise(self, init_range: float, forget_bias: float, input_bias: float, seed: int) -> None:
@@ -215,4 +227,6 @@ class RecurrentPolicy(nn.Module):
 
     def compiled(self) -> CompiledPolicy:
         """The compiled twin that the lane engine runs, for weights of ``vector()``'s layout."""
-        return compiled_policy(self.core_type, self.observation_size, self.hidden_size, self.head, self.bias)
+        return compiled_policy(
+            self.core_type, self.observation_size, self.hidden_size, self.head, self.bias, self.has_readout
+        )

@@ -32,8 +32,13 @@ def observation_size(space: gym.Space[Any]) -> int:
     return flat.shape[0]
 
 
-def head_for(space: gym.Space[Any], *, deterministic: bool = False) -> Head:
+def head_for(space: gym.Space[Any], *, deterministic: bool = False, squash: bool = True) -> Head:
     """The head that suits an action space: softmax for discrete actions, Gaussian or deterministic for a Box.
+
+    Args:
+        space: The action space.
+        deterministic: Give a Box a deterministic head.
+        squash: Whether that head squashes its outputs.
 
     Raises:
         UnsupportedSpaceError: If the space is none of Discrete, MultiDiscrete, Box.
@@ -45,7 +50,7 @@ def head_for(space: gym.Space[Any], *, deterministic: bool = False) -> Head:
             return Categorical([int(n) for n in space.nvec])
         case spaces.Box() if np.issubdtype(space.dtype, np.floating) and space.shape and 0 not in space.shape:
             size = int(np.prod(space.shape))
-            return Deterministic(size) if deterministic else Gaussian(size)
+            return Deterministic(size, squash=squash) if deterministic else Gaussian(size)
     raise UnsupportedSpaceError(
         f"action space {_one_line(space)} is not supported: Discrete, MultiDiscrete of one dimension, and real Box are"
     )

@@ -64,13 +64,15 @@ def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None)
         if isinstance(env, gym.vector.VectorEnv)
         else (env.observation_space, env.action_space)
     )
+    # where the most that can be earned depends on the limit, the task itself knows what counts as solved under it
+    own_threshold = getattr(getattr(env.unwrapped, "task", None), "threshold", None)
     return CompiledRollouts(
         kernel,
         max_steps=min(limits),
         threads=threads,
         observation_space=spaces[0],
         action_space=spaces[1],
-        reward_threshold=reward_threshold(env),
+        reward_threshold=own_threshold(min(limits)) if own_threshold else reward_threshold(env),
     )
 
 

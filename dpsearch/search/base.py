@@ -17,7 +17,7 @@ import copy
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Self
@@ -298,14 +298,18 @@ class Search(ABC):
 
 def one_blas_thread() -> AbstractContextManager[object]:
     """A context in which linear algebra uses one thread."""
-    limit: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    libraries = _libraries()
+    if all(library.num_threads == 1 for library in libraries.lib_controllers):
+        return nullcontext()  # cheaper, which shows where an evaluation costs nothing
+    limit: AbstractContextManager[object] = libraries.limit(limits=1)
     return limit
 
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """The numerical libraries that are loaded, looked up once: it takes a few milliseconds."""
-    return ThreadpoolController()
+    """The linear algebra libraries that are loaded, looked up once: it takes a few milliseconds."""
+    libraries: ThreadpoolController = ThreadpoolController().select(user_api="blas")
+    return libraries
 
 
 def check_positive(**values: float) -> None:

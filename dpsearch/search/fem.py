@@ -7,9 +7,14 @@ Online, every sample moves it at once (section 5.3):
     x      <- (1 - alpha u_k) x      + alpha u_k z_k
     Sigma  <- (1 - alpha u_k) Sigma  + alpha u_k (z_k - x) (z_k - x)^T
 
-The one thing to understand: the second x is the new one. In local coordinates, z = x + A y, the last line is the
-rank-one update A <- A sqrt(1 - w) (I + (r - 1) y y^T / |y|^2) with w = alpha u and r = sqrt(1 + w (1 - w) |y|^2), so
-Sigma = A A^T is positive definite for ever.
+The one thing to understand: with one alpha for both lines, Sigma is an average of about 1 / alpha samples. If these
+are fewer than the dimensions, it shrinks in every direction they do not span, and the search converges before it has
+found anything: this is why FEM fails on some runs of section 5.4.2 (20 samples in 42 dimensions). So by default Sigma
+forgets more slowly than x, 0.5 / d; and its samples are seen from the old mean, from which they were drawn, because
+seen from the new one they are (1 - alpha u)^2 too close. ``THESIS`` has the settings of section 5.4.2.
+
+In local coordinates, z = x + A y, the last line is the rank-one update A <- A sqrt(1 - w) (I + (r - 1) y y^T / |y|^2),
+so Sigma = A A^T is positive definite for ever.
 """
 
 from __future__ import annotations
@@ -24,6 +29,8 @@ from dpsearch.search.gaussian import GaussianSearch
 from dpsearch.search.shaping import top_linear
 
 COVARIANCES = ("full", "diagonal")
+CENTRES = ("old", "new")
+THESIS = {"forget_factor": 0.05, "covariance_forget_factor": 0.05, "centre": "new", "window": 50, "top": 5}
 LEAST_EIGENVALUE = 1e-12  # of a fitted covariance, relative to the one before
 
 
@@ -34,10 +41,14 @@ class FEM(GaussianSearch):
         x0: ``(d,)``, the initial mean.
         sigma0: Initial standard deviation: one number, or ``(d,)`` of them.
         online: Learn from each sample, so that ``ask`` gives one point at a time; else a generation at once.
-        forget_factor: alpha in (0, 1].
+        forget_factor: alpha in (0, 1], of the mean: 0.2 if None; in batches 1, which is maximum likelihood.
+        covariance_forget_factor: That of the covariance: the smaller of 0.5 / d and ``forget_factor`` if None; in
+            batches ``forget_factor``.
+        centre: The mean from which samples are seen when the covariance is fitted, ``"old"`` or ``"new"``; the old
+            one if None, in batches the new one.
         window: How many of the last samples N, the newest one included, the newest is ranked among. Nothing is
-            learned before there are as many. Online only; in batches, the population is ranked.
-        top: How many of the window, or of the population, have a utility above 0: m, from 1 up linearly.
+            learned before there are as many. 25 if None. Online only; in batches, the population is ranked.
+        top: How many of the window, or of the population, have a utility above 0: m, from 1 up linearly. 5 if None.
         covariance: ``"full"`` or ``"diagonal"``.
         elitist: The best sample so far never leaves the window.
         expansion: Factor of the samples' part in the new covariance; above 1 the distribution shrinks later.
@@ -62,6 +73,8 @@ class FEM(GaussianSearch):
         *,
         online: bool = True,
         forget_factor: float | None = None,
+        covariance_forget_factor: float | None = None,
+        centre: str | None = None,
         window: int | None = None,
         top: int | None = None,
         covariance: str = "full",
@@ -77,8 +90,16 @@ class FEM(GaussianSearch):
         diagonal = covariance == "diagonal"
         super().__init__(x0, sigma0, population=1 if online else population, diagonal=diagonal, **options)
         self.online = online
-        self.forget_factor = 0.05 if forget_factor is None else forget_factor
-        self.window = 50 if window is None else window
+        self.forget_factor = (0.2 if online else 1.0) if forget_factor is None else forget_factor
+        if covariance_forget_factor is None:
+            slow = min(0.5 / self.dimension, self.forget_factor)
+            self.covariance_forget_factor = slow if online else self.forget_factor
+        else:
+            self.covariance_forget_factor = covariance_forget_factor
+        self.centre = ("old" if online else "new") if centre is None else centre
+        if self.centre not in CENTRES:
+            raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
+        self.window = 25 if window is None else window
         self.elitist = elitist
         self.expansion = expansion
         if self.window < 1:
@@ -87,10 +108,14 @@ class FEM(GaussianSearch):
         self.top = min(5, ranked) if top is None else top
         if not 0.0 < self.forget_factor <= 1.0:
             raise ValueError(f"forget_factor must be in (0, 1], got {forget_factor}")
+        if not 0.0 < self.covariance_forget_factor <= 1.0 or (online and self.covariance_forget_factor == 1.0):
+            accepted = "in (0, 1)" if online else "in (0, 1]"
+            raise ValueError(f"covariance_forget_factor must be {accepted}, got {self.covariance_forget_factor}")
         if not 1 <= self.top <= ranked:
             raise ValueError(f"top must be from 1 to {ranked}, of which it is a part, got {self.top}")
         check_positive(expansion=expansion)
         self.repairs = 0
+        self._unchanged = np.ones(self.dimension) if diagonal else np.eye(self.dimension)
         self._window = np.zeros(0)
 
     def _step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
@@ -98,13 +123,19 @@ class FEM(GaussianSearch):
 
     def _sample_step(self, y: Vector, fitness: float) -> tuple[Vector, Matrix]:
         """Algorithm 5.1."""
-        w = self.forget_factor * self._rank(fitness)
+        utility = self._rank(fitness)
+        moved = self.forget_factor * utility
+        forgotten = self.covariance_forget_factor * utility
+        if forgotten == 0.0:
+            return moved * y, self._unchanged
+        nearer = 1.0 if self.centre == "old" else (1.0 - moved) ** 2
+        kept, added = 1.0 - forgotten, self.expansion * forgotten * nearer
         if self.diagonal:
-            return w * y, np.sqrt((1.0 - w) * (1.0 + self.expansion * w * (1.0 - w) * y**2))
-        gain = self.expansion * w * (1.0 - w)
-        r = np.sqrt(1.0 + gain * (y @ y))
-        # gain / (r + 1) is (r - 1) / |y|^2, also where y is 0
-        return w * y, np.sqrt(1.0 - w) * (np.eye(len(y)) + np.outer(gain / (r + 1.0) * y, y))
+            return moved * y, np.sqrt(kept + added * y**2)
+        root, length = np.sqrt(kept), y @ y
+        # (longer - root) / |y|^2, written so that it holds where y is 0
+        growth = added / (np.sqrt(kept + added * length) + root)
+        return moved * y, root * np.eye(len(y)) + np.outer(growth * y, y)
 
     def _rank(self, fitness: float) -> float:
         """The utility of a new sample among the last of them; 0 while there are too few."""
@@ -122,15 +153,16 @@ class FEM(GaussianSearch):
     def _batch_step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
         """Section 5.2.2: the Gaussian most likely to have produced the samples, weighted by utility."""
         utilities = top_linear(fitness, self.top)
-        weights = self.forget_factor * utilities / utilities.sum()
-        shift = weights @ local
-        spread = local - shift
-        kept = 1.0 - self.forget_factor
+        shares = utilities / utilities.sum()
+        shift = self.forget_factor * (shares @ local)
+        shares = self.covariance_forget_factor * shares
+        spread = local - (shift if self.centre == "new" else 0.0)
+        kept = 1.0 - self.covariance_forget_factor
         if self.diagonal:
-            variance = kept + self.expansion * (weights @ spread**2)
+            variance = kept + self.expansion * (shares @ spread**2)
             self.repairs += int((variance < LEAST_EIGENVALUE).any())
             return shift, np.sqrt(np.maximum(variance, LEAST_EIGENVALUE))
-        covariance = kept * np.eye(len(shift)) + self.expansion * (spread.T * weights) @ spread
+        covariance = kept * np.eye(len(shift)) + self.expansion * (spread.T * shares) @ spread
         values, vectors = np.linalg.eigh(covariance)
         self.repairs += int(values[0] < LEAST_EIGENVALUE)
         return shift, (vectors * np.sqrt(np.maximum(values, LEAST_EIGENVALUE))) @ vectors.T

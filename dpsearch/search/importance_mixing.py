@@ -52,7 +52,7 @@ def renew(
     accepted: list[Matrix] = []
     missing = n
     while missing > 0:
-        drawn = generator.standard_normal((max(2 * missing, 16), dimension))
+        drawn = generator.standard_normal((max(4 * missing, 64), dimension))
         chance = np.maximum(refresh_rate, -np.expm1(-np.maximum(log_ratio(drawn), -1.0)))  # below 0 eta is more anyway
         fits = drawn[generator.random(len(drawn)) < chance][:missing]
         accepted.append(fits)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import linalg
+from scipy.linalg import lapack
 
 from dpsearch.search.base import Matrix, Vector, check_positive
 from dpsearch.search.gaussian import GaussianSearch
@@ -92,14 +92,26 @@ def regression_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matri
     nearest to the old distribution in terms of the Kullback-Leibler divergence.
     """
     n, d = local.shape
-    i, j = _upper_indices(d)
-    products = local[:, i] * local[:, j]
-    products[:, i == j] = (products[:, i == j] - 1.0) / np.sqrt(2.0)
-    regressors = np.concatenate([local, products, np.ones((n, 1))], axis=1)
-    coefficients = _least_squares(regressors, utilities)
+    if n < 1 + d + d * (d + 1) // 2:
+        return _from_inner_products(local, utilities)
+    i, j, diagonal, scale = _products(d)
+    regressors = np.ones((d + len(i) + 1, n))  # one a row
+    regressors[:d] = local.T
+    np.multiply(regressors[i], regressors[j], out=regressors[d:-1])
+    regressors[d:-1][diagonal] = (regressors[d:-1][diagonal] - 1.0) / np.sqrt(2.0)
+    coefficients = _solve(regressors @ regressors.T, regressors @ utilities)
     m = np.zeros((d, d))
-    m[i, j] = coefficients[d:-1] / np.where(i == j, np.sqrt(2.0), 2.0)
-    return coefficients[:d], m + np.triu(m, 1).T
+    m[i, j] = m[j, i] = coefficients[d:-1] * scale
+    return coefficients[:d], m
+
+
+def _from_inner_products(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
+    """The same where parameters are more than points: they are sums over the points, of which there are n to find."""
+    dots = local @ local.T
+    squares = np.diag(dots)
+    gram = dots + 0.5 * (dots**2 - squares[:, None] - squares + local.shape[1]) + 1.0
+    weights = _solve(gram, utilities)
+    return weights @ local, 0.5 * ((local.T * weights) @ local - weights.sum() * np.eye(local.shape[1]))
 
 
 def exact_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
@@ -109,22 +121,16 @@ def exact_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
 
 
 @cache
-def _upper_indices(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _products(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Vector]:
+    """Which y_i y_j there are, where those with i = j stand, and what a coefficient of each means for M."""
     i, j = np.triu_indices(d)
-    return i, j
+    return i, j, np.flatnonzero(i == j), np.where(i == j, np.sqrt(0.5), 0.5)
 
 
-def _least_squares(regressors: Matrix, targets: Vector) -> Vector:
-    """The shortest least squares solution, by normal equations on the smaller side where they are good enough."""
-    tall = len(regressors) >= regressors.shape[1]
-    gram = regressors.T @ regressors if tall else regressors @ regressors.T
-    try:
-        factor = linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
-        diagonal = np.diag(factor[0])
-        if diagonal.min() > 1e-6 * diagonal.max():
-            if tall:
-                return np.asarray(linalg.cho_solve(factor, regressors.T @ targets, check_finite=False))
-            return np.asarray(regressors.T @ linalg.cho_solve(factor, targets, check_finite=False))
-    except linalg.LinAlgError:
-        pass
-    return np.asarray(np.linalg.lstsq(regressors, targets, rcond=None)[0])
+def _solve(gram: Matrix, right: Vector) -> Vector:
+    """The shortest solution of the normal equations."""
+    factor, solution, info = lapack.dposv(gram, right)
+    diagonal = np.diag(factor)
+    if info == 0 and diagonal.min() > 1e-6 * diagonal.max():
+        return np.asarray(solution)
+    return np.asarray(np.linalg.lstsq(gram, right, rcond=None)[0])

@@ -59,6 +59,22 @@ def test_the_forward_pass_is_that_of_the_module(core: Core, bias: bool, hidden_s
 
 @pytest.mark.parametrize("core", CORES)
 @pytest.mark.parametrize("bias", [True, False])
+@pytest.mark.parametrize("hidden_size", [2, 5])
+def test_without_a_readout_the_first_units_are_the_outputs(core: Core, bias: bool, hidden_size: int) -> None:
+    head = Deterministic(2, squash=False)
+    policy = RecurrentPolicy(3, head, core=core, hidden_size=hidden_size, bias=bias, readout=False).double()
+    assert len(policy.vector()) == sum(p.numel() for p in policy.core.parameters() if p.requires_grad)
+    observations = np.random.default_rng(1).normal(size=(STEPS, LANES, 3))
+    (weights,) = random_weights(policy, seed=2, n=1)
+    outputs = np.stack(list(run_compiled(policy, weights, observations)))
+    np.testing.assert_allclose(outputs, run_torch(policy, weights, observations), rtol=1e-12, atol=1e-12)
+    features, _ = policy.remember(torch.from_numpy(observations))
+    np.testing.assert_allclose(outputs, features[..., :2].detach(), rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(policy.head.mode(torch.from_numpy(outputs)), outputs)
+
+
+@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("bias", [True, False])
 @pytest.mark.parametrize("hidden_size", [1, 2, 10, 17])
 def test_every_lane_can_have_weights_of_its_own(core: Core, bias: bool, hidden_size: int) -> None:
     policy = RecurrentPolicy(3, Gaussian(2), core=core, hidden_size=hidden_size, bias=bias).double()

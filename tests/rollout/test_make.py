@@ -122,3 +122,10 @@ def test_threads_are_those_of_the_lane_engine() -> None:
     assert isinstance(rollouts, CompiledRollouts)
     assert rollouts.threads == 2
     assert np.array_equal(returns(rollouts), returns(make_rollouts(TMAZE)))
+
+
+def test_what_counts_as_solved_follows_a_limit_given_from_outside() -> None:
+    assert make_rollouts("dpsearch/DoublePole-v0").reward_threshold == 100_000
+    assert make_rollouts("dpsearch/DoublePole-v0", max_episode_steps=500).reward_threshold == 500
+    failure = make_rollouts("dpsearch/DoublePole-v0", max_episode_steps=500, env_kwargs={"reward": "failure"})
+    assert failure.reward_threshold == 0
