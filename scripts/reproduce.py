@@ -1,7 +1,8 @@
 """Computes a table or figure again: ``python scripts/reproduce.py fig_3_4 --jobs 8``.
 
 The results go to ``docs/results/NAME.json``, ``.md`` and ``.png``. Every run that is finished is noted in
-``NAME.runs.jsonl`` at once and never made again, so the same command goes on where an earlier one was interrupted.
+``NAME.runs.jsonl`` at once and never made again, so the same command goes on where an earlier one was interrupted;
+figures that show the same runs share one such log.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
-from itertools import zip_longest
 from pathlib import Path
 
 from tqdm import tqdm
@@ -25,26 +25,37 @@ from dpsearch.report.tables import Table
 from dpsearch.runs import RunError
 from scripts.arguments import at_least
 from scripts.experiments import EXPERIMENTS
-from scripts.experiments.experiment import Experiment
-from scripts.experiments.jobs import Job, Outcome, RunLog, run_all
+from scripts.experiments.experiment import Experiment, Illustration, Results
+from scripts.experiments.jobs import Batch, Job, Outcome, RunLog, batches, run_all
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the runs that are missing, and write what all of them come to."""
     arguments = sys.argv[1:] if arguments is None else arguments
     args = _parser().parse_args(arguments)
-    log = RunLog(args.out / f"{args.name}.runs.jsonl")
+    how = command("scripts/reproduce.py", arguments)
+    experiment = EXPERIMENTS[args.name]
     try:
         args.out.mkdir(parents=True, exist_ok=True)
-        table = reproduce(EXPERIMENTS[args.name], args, log, command("scripts/reproduce.py", arguments))
+        if isinstance(experiment, Illustration):
+            page = experiment.make(args, how)
+            page.write(args.out)
+            print(page.markdown())
+        else:
+            print(_resumable(experiment, args, how).markdown())
+    except (OSError, RunError) as error:
+        sys.exit(f"error: {error}")
+
+
+def _resumable(experiment: Experiment, args: Namespace, how: str) -> Table:
+    log = RunLog(args.out / f"{experiment.log or args.name}.runs.jsonl")
+    try:
+        return reproduce(experiment, args, log, how)
     except KeyboardInterrupt:
         print(f"interrupted; {log.path} has what is done, and the same command goes on", file=sys.stderr)
         sys.exit(130)
     except BrokenProcessPool:
         sys.exit(f"error: a process was killed, perhaps for want of memory; {log.path} has what is done")
-    except (OSError, RunError) as error:
-        sys.exit(f"error: {error}")
-    print(table.markdown())
 
 
 def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) -> Table:
@@ -57,16 +68,18 @@ def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) ->
         how: The command line, in words.
     """
     cells = experiment.cells(args)
-    runs = [args.fewer.get(cell.method.name, args.runs) for cell in cells]
+    runs = [min(args.fewer.get(cell.method.name, args.runs), args.runs) for cell in cells]
     jobs = [cell.jobs(experiment.run, range(args.seed, args.seed + n)) for cell, n in zip(cells, runs, strict=True)]
-    by_seed = [job for same_seed in zip_longest(*jobs) for job in same_seed if job is not None]
-    outcomes = make_runs(by_seed, log, args.jobs)
+    found = make_runs([job for own in jobs for job in own], log, args.jobs, experiment.batch)
+    outcomes = [[found[job] for job in own] for own in jobs]
     rows = [
         row
-        for cell, own in zip(cells, jobs, strict=True)
-        for row in cell.rows([outcomes[job] for job in own], experiment.metrics, experiment.statistic)
+        for cell, own in zip(cells, outcomes, strict=True)
+        for row in cell.rows(own, experiment.metrics, experiment.statistic)
     ]
-    table = Table(
+    sections = experiment.sections(args, rows)
+    results = Results(cells, outcomes, [row for section in sections for row in section.rows])
+    table = experiment.table(
         name=experiment.name,
         title=experiment.title,
         text=experiment.text,
@@ -75,28 +88,33 @@ def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) ->
         machine=machine(),
         words=experiment.words,
         statistic=experiment.statistic,
-        sections=experiment.sections(args, rows),
+        sections=sections,
+        **({} if experiment.extra is None else {"extra": experiment.extra(results)}),
     )
     table.write(args.out)
-    experiment.draw(args, table.rows, args.out / f"{experiment.name}.png")
+    experiment.draw(args, results, args.out / f"{experiment.name}.png")
     return table
 
 
-def make_runs(jobs: Sequence[Job], log: RunLog, processes: int) -> dict[Job, Outcome]:
-    """The outcomes of all jobs: those in the log, and those that are made now and noted there."""
+def make_runs(jobs: Sequence[Job], log: RunLog, processes: int, batch: int = 1) -> dict[Job, Outcome]:
+    """The outcomes of all jobs: those in the log, and those that are made now, in batches, and noted there."""
     outcomes = log.find(jobs)
-    missing = [job for job in jobs if job not in outcomes]
+    missing = batches((job for job in jobs if job not in outcomes), batch)
     terminal = sys.stderr.isatty()
     bar = tqdm(total=len(jobs), initial=len(outcomes), unit=" runs", mininterval=0.1 if terminal else 30.0)
     with bar:
-        for job, outcome in run_all(missing, min(processes, max(len(missing), 1))):
-            log.add(job, outcome)
-            outcomes[job] = outcome
-            bar.set_postfix_str(
-                f"{job.task}, {job.method}: {'solved' if outcome['solved'] else 'failed'}", refresh=False
-            )
-            bar.update()
+        for done, results in run_all(missing, min(processes, max(len(missing), 1))):
+            log.add(done, results)
+            outcomes.update(zip(done, results, strict=True))
+            bar.set_postfix_str(_words(done, results), refresh=False)
+            bar.update(len(done))
     return outcomes
+
+
+def _words(done: Batch, results: Sequence[Outcome]) -> str:
+    solved = sum(result["solved"] for result in results)
+    end = f"{solved} of {len(done)} solved" if len(done) > 1 else "solved" if solved else "failed"
+    return f"{done[0].task}, {done[0].method}: {end}"
 
 
 def _parser() -> ArgumentParser:
@@ -105,21 +123,27 @@ def _parser() -> ArgumentParser:
     for name, experiment in EXPERIMENTS.items():
         own = names.add_parser(name, help=experiment.title, description=experiment.title)
         experiment.add_options(own)
+        own.add_argument("--out", type=Path, default=Path("docs/results"), help="folder; default: %(default)s")
+        own.add_argument(
+            "--seed",
+            type=at_least(0),
+            default=experiment.seed if isinstance(experiment, Illustration) else 0,
+            help="the first run's seed, and so on; default: %(default)s",
+        )
+        if isinstance(experiment, Illustration):
+            continue
         own.add_argument(
             "--runs", type=at_least(1), default=experiment.runs, help="runs of each cell; default: %(default)s"
         )
         own.add_argument(
             "--fewer",
             type=_fewer,
-            default={},
+            default=experiment.fewer,
             metavar="METHOD=K,..",
-            help="fewer runs of some methods, such as those whose failing runs take long",
+            help="fewer runs of some methods, such as those whose failing runs take long; default: "
+            + (",".join(f"{method}={runs}" for method, runs in experiment.fewer.items()) or "none"),
         )
         own.add_argument("--jobs", type=at_least(1), default=os.cpu_count() or 1, help="processes; default: one a core")
-        own.add_argument(
-            "--seed", type=at_least(0), default=0, help="the first run's seed, and so on; default: %(default)s"
-        )
-        own.add_argument("--out", type=Path, default=Path("docs/results"), help="folder; default: %(default)s")
     return parser
 
 

@@ -44,6 +44,7 @@ class PolicySearchConfig:
             ``"mean"``: the centre of the search distribution, for a fitness so noisy that the best one was lucky.
         restarts: Begin again elsewhere when the search distribution has shrunk to a point, or has run out of
             ``patience``. If False, the run ends there.
+        tolx: A search has shrunk to a point when all its standard deviations are below this part of ``sigma0``.
         patience: Evaluations in a row without a better fitness after which a search is given up; null for no limit.
     """
 
@@ -55,6 +56,7 @@ class PolicySearchConfig:
     greedy: bool = False
     choice: str = "best"
     restarts: bool = True
+    tolx: float = 1e-6
     patience: int | None = None
 
     def __post_init__(self) -> None:
@@ -63,6 +65,7 @@ class PolicySearchConfig:
             "sigma0": (0.0 < self.sigma0 < np.inf, "positive and finite"),
             "start_std": (0.0 <= self.start_std < np.inf, "0 or more"),
             "episodes_per_fitness": (self.episodes_per_fitness >= 1, "at least 1"),
+            "tolx": (0.0 <= self.tolx < np.inf, "0 or more"),
             "choice": (self.choice in CHOICES, f"one of {', '.join(CHOICES)}"),
         }
         for name, (fits, what) in accepted.items():
@@ -71,7 +74,7 @@ class PolicySearchConfig:
 
     def search_options(self) -> dict[str, Any]:
         """The settings that are the search's own."""
-        shared = {f.name for f in fields(PolicySearchConfig)} - {"population", "patience"}
+        shared = {f.name for f in fields(PolicySearchConfig)} - {"population", "tolx", "patience"}
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in shared}
 
 

@@ -108,6 +108,10 @@ def mann_whitney(fitness: Vector, weights: Vector) -> float:
 
 
 def matrix_exponential(symmetric: Matrix) -> Matrix:
-    """Exp of a symmetric matrix: symmetric and positive definite."""
+    """Exp of a symmetric matrix: symmetric and positive definite.
+
+    Eigenvalues are taken to [-3, 3], twentyfold in one generation: they lie beyond only if points were told that the
+    distribution would never have drawn, and then one step could overflow.
+    """
     values, vectors = np.linalg.eigh(symmetric)
-    return np.asarray((vectors * np.exp(values)) @ vectors.T)
+    return np.asarray((vectors * np.exp(np.clip(values, -3.0, 3.0))) @ vectors.T)

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Protocol
 
+from dpsearch.report.document import Document
 from dpsearch.report.statistics import Statistic
-from dpsearch.report.tables import SUCCESS_RATE, Row, Section
+from dpsearch.report.tables import SUCCESS_RATE, Row, Section, Table
 from scripts.experiments.jobs import Job, Outcome, Work
-from scripts.experiments.training import Settings
+
+
+class Settings(Protocol):
+    """All that the runs of a cell depend on, their seeds aside."""
+
+    def fingerprint(self) -> str:
+        """Tells these settings from others."""
+
+    @property
+    def network(self) -> str:
+        """The policy's architecture, in words; empty if there is no policy."""
 
 
 @dataclass(frozen=True)
@@ -20,12 +32,12 @@ class Method:
     Attributes:
         name: Short, for the command line and the log of runs.
         label: For tables and figures.
-        overrides: Hydra's overrides that choose its settings.
+        overrides: Hydra's overrides that choose its settings, if these are Hydra's.
     """
 
     name: str
     label: str
-    overrides: tuple[str, ...]
+    overrides: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -35,21 +47,21 @@ class Cell:
     Attributes:
         task: What has to be learned.
         method: What learns.
-        overrides: Hydra's overrides that choose the settings, the method's included.
+        recipe: What chooses the settings, the method's included, when a run is made: Hydra's overrides, for example.
         settings: What they come to.
-        thesis: The thesis's numbers, by metric.
+        thesis: The thesis's numbers, by metric; the standard deviation of a metric is ``metric_std``.
     """
 
     task: str
     method: Method
-    overrides: tuple[str, ...]
+    recipe: Hashable
     settings: Settings
     thesis: Mapping[str, float] = field(default_factory=dict)
 
     def jobs(self, work: Work, seeds: Sequence[int]) -> list[Job]:
         """A run for each seed."""
         config = self.settings.fingerprint()
-        return [Job(self.task, self.method.name, config, self.overrides, seed, work) for seed in seeds]
+        return [Job(self.task, self.method.name, config, self.recipe, seed, work) for seed in seeds]
 
     def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:
         """What the runs come to: the success rate, then each metric over the successful ones."""
@@ -67,13 +79,31 @@ class Cell:
         solved = [outcome for outcome in outcomes if outcome["solved"]]
         rows = [blank(SUCCESS_RATE).with_successes(len(solved))]
         for metric in metrics:
-            rows.append(blank(metric).with_values([outcome[metric] for outcome in solved], statistic))
+            row = blank(metric).with_values([outcome[metric] for outcome in solved], statistic)
+            rows.append(row)
+            if f"{metric}_std" in self.thesis:
+                rows.append(replace(blank(f"{metric}_std"), solved=row.solved, mean=row.std))
         return rows
 
 
 @dataclass(frozen=True)
+class Results:
+    """What the runs of an experiment come to.
+
+    Attributes:
+        cells: The cells.
+        outcomes: The outcomes of each cell's runs.
+        rows: All rows of the table, those that others report included.
+    """
+
+    cells: Sequence[Cell]
+    outcomes: Sequence[Sequence[Outcome]]
+    rows: Sequence[Row]
+
+
+@dataclass(frozen=True)
 class Experiment:
-    """A table or figure.
+    """A table or figure made of many runs.
 
     Attributes:
         name: For the command line, and the stem of the files' names.
@@ -87,7 +117,12 @@ class Experiment:
         add_options: Adds its own options to a parser.
         cells: The cells that the options ask for.
         sections: Arranges the rows, and adds those that others report.
-        draw: Draws all these rows into a file.
+        draw: Draws the results into a file.
+        table: How the rows are laid out: ``Table``, or ``partial(Grid, ..)``.
+        extra: What the JSON holds besides the rows.
+        log: Stem of the name of the log of runs, which experiments may share; its own name if None.
+        batch: How many runs are made in one go and noted in one line of the log, for runs of about a second.
+        fewer: Fewer runs of some methods unless said otherwise.
     """
 
     name: str
@@ -101,4 +136,28 @@ class Experiment:
     add_options: Callable[[ArgumentParser], object]
     cells: Callable[[Namespace], list[Cell]]
     sections: Callable[[Namespace, list[Row]], list[Section]]
-    draw: Callable[[Namespace, list[Row], Path], None]
+    draw: Callable[[Namespace, Results, Path], None]
+    table: Callable[..., Table] = Table
+    extra: Callable[[Results], dict[str, Any]] | None = None
+    log: str | None = None
+    batch: int = 1
+    fewer: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A table or figure that needs no more than one quick run.
+
+    Attributes:
+        name: For the command line, and the stem of the files' names.
+        title: One line.
+        add_options: Adds its own options to a parser.
+        make: Computes the page, given the options and the command line in words; draws its figure, if any.
+        seed: Of its run, unless said otherwise.
+    """
+
+    name: str
+    title: str
+    add_options: Callable[[ArgumentParser], object]
+    make: Callable[[Namespace, str], Document]
+    seed: int = 0

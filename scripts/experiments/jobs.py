@@ -7,17 +7,19 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import torch
 
-Outcome = dict[str, float]
-"""The numbers that came out of a run; ``solved`` is 0 or 1."""
-Work = Callable[[tuple[str, ...], int], Outcome]
-"""Makes one run, given Hydra's overrides and a seed."""
+Outcome = dict[str, Any]
+"""What came out of a run: numbers, and lists of numbers for curves; ``solved`` is 0 or 1."""
+Work = Callable[[Any, int], Outcome]
+"""Makes one run, given its recipe and a seed."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Job:
         task: What has to be learned.
         method: What learns.
         config: Fingerprint of all settings.
-        overrides: Hydra's overrides that choose them.
+        recipe: What chooses them, for the work: Hydra's overrides, for example.
         seed: The run's seed.
         work: What makes the run.
     """
@@ -36,9 +38,14 @@ class Job:
     task: str
     method: str
     config: str
-    overrides: tuple[str, ...]
+    recipe: Hashable
     seed: int
     work: Work
+
+    @property
+    def cell(self) -> dict[str, str]:
+        """What it has in common with the runs that differ in their seed only."""
+        return {"task": self.task, "method": self.method, "config": self.config}
 
     @property
     def key(self) -> dict[str, str | int]:
@@ -47,11 +54,27 @@ class Job:
 
     def run(self) -> Outcome:
         """Make the run."""
-        return self.work(self.overrides, self.seed)
+        return self.work(self.recipe, self.seed)
+
+
+Batch = tuple[Job, ...]
+"""Runs of one cell that are made in one go."""
+
+
+def batches(jobs: Iterable[Job], size: int) -> list[Batch]:
+    """Jobs in batches of one cell each, the first of every cell before the second of any."""
+    cells: dict[str, list[Job]] = {}
+    for job in jobs:
+        cells.setdefault(_text(job.cell), []).append(job)
+    chunks = [[tuple(own[k : k + size]) for k in range(0, len(own), size)] for own in cells.values()]
+    return [batch for same in zip_longest(*chunks) for batch in same if batch is not None]
 
 
 class RunLog:
-    """The outcomes so far, one line of JSON each.
+    """The outcomes so far, one line of JSON for each batch.
+
+    A batch of one run has its seed in the key, and its outcome as it is. A larger one has a list of seeds in the key,
+    and of each number a list with the values of all runs, so that quick runs need no line each.
 
     Args:
         path: The file; it is made when there is something to write.
@@ -68,7 +91,7 @@ class RunLog:
                 record = json.loads(line)
             except json.JSONDecodeError:
                 continue
-            outcomes[_text(record["key"])] = record["outcome"]
+            outcomes.update((_text(key), outcome) for key, outcome in _runs(record))
         return outcomes
 
     def find(self, jobs: Iterable[Job]) -> dict[Job, Outcome]:
@@ -76,9 +99,13 @@ class RunLog:
         outcomes = self.read()
         return {job: outcomes[_text(job.key)] for job in jobs if _text(job.key) in outcomes}
 
-    def add(self, job: Job, outcome: Outcome) -> None:
+    def add(self, batch: Batch, outcomes: Sequence[Outcome]) -> None:
         """Append a line, all at once."""
-        line = json.dumps({"key": job.key, "outcome": outcome}) + "\n"
+        record: dict[str, Any] = {"key": batch[0].key, "outcome": outcomes[0]}
+        if len(batch) > 1:
+            columns = {name: [outcome[name] for outcome in outcomes] for name in outcomes[0]}
+            record = {"key": {**batch[0].cell, "seeds": [job.seed for job in batch]}, "outcomes": columns}
+        line = json.dumps(record, separators=None if len(batch) == 1 else (",", ":")) + "\n"
         file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         try:
             size = os.fstat(file).st_size
@@ -89,15 +116,17 @@ class RunLog:
             os.close(file)
 
 
-def run_all(jobs: Iterable[Job], processes: int) -> Generator[tuple[Job, Outcome], None, None]:
-    """Make runs, in any order, in processes of one torch thread each; yields what comes out as it does.
+def run_all(todo: Iterable[Batch], processes: int) -> Generator[tuple[Batch, list[Outcome]], None, None]:
+    """Make runs, in any order, in processes of one thread each; yields what comes out as it does.
 
     Raises:
         BrokenProcessPool: If a process was killed.
     """
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):  # read when a process loads NumPy
+        os.environ.setdefault(name, "1")
     executor = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=_begin)
     try:
-        futures = {executor.submit(job.run): job for job in jobs}
+        futures = {executor.submit(run_batch, batch): batch for batch in todo}
         for future in as_completed(futures):
             yield futures[future], future.result()
         executor.shutdown()
@@ -106,6 +135,11 @@ def run_all(jobs: Iterable[Job], processes: int) -> Generator[tuple[Job, Outcome
         for process in multiprocessing.active_children():
             process.terminate()
         raise
+
+
+def run_batch(batch: Batch) -> list[Outcome]:
+    """Make the runs of a batch, one after another."""
+    return [job.run() for job in batch]
 
 
 def _begin() -> None:
@@ -122,5 +156,16 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _text(key: dict[str, str | int]) -> str:
+def _runs(record: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Outcome]]:
+    """The keys and outcomes of a line."""
+    key = record["key"]
+    if "seeds" not in key:
+        yield key, record["outcome"]
+        return
+    cell = {name: value for name, value in key.items() if name != "seeds"}
+    for k, seed in enumerate(key["seeds"]):
+        yield {**cell, "seed": seed}, {name: column[k] for name, column in record["outcomes"].items()}
+
+
+def _text(key: dict[str, Any]) -> str:
     return json.dumps(key, sort_keys=True)

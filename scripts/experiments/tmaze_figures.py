@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -10,14 +11,15 @@ from matplotlib.ticker import PercentFormatter
 
 from dpsearch.report.figures import COLOURS, bars, curve, dots, figure, logarithmic
 from dpsearch.report.tables import SUCCESS_RATE, Row
+from scripts.experiments.experiment import Results
 from scripts.experiments.tmaze_reported import CORE_SECONDS, ENV_STEPS, LONGEST, THESIS_RATES, task
 
 Rows = dict[tuple[str, str, str], Row]  # by task, method and metric
 
 
-def draw_corridors(args: Namespace, rows: list[Row], path: Path) -> None:
+def draw_corridors(args: Namespace, results: Results, path: Path) -> None:
     """Figure 3.4: steps until solved and success rate over the corridor's length, and how far each method gets."""
-    found, corridors = _index(rows), args.corridors
+    found, corridors = _index(results.rows), args.corridors
     with figure(path, (3.2, 1.9, 1.4), size=(8.0, 8.4)) as panels:
         steps, rates, reach = panels[:, 0]
         for k, method in enumerate(args.methods):
@@ -34,16 +36,16 @@ def draw_corridors(args: Namespace, rows: list[Row], path: Path) -> None:
         rates.set_ylim(-0.05, 1.1)
         rates.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0])
         rates.yaxis.set_major_formatter(PercentFormatter(1.0))
-        _draw_reach(reach, args, rows)
+        _draw_reach(reach, args, results.rows)
         for axes in (steps, rates, reach):
             axes.set_xlim(0, max(*corridors, 100) + 5)
             axes.set_xlabel("corridor length N")
         steps.figure.legend(*rates.get_legend_handles_labels(), loc="outside upper center", ncols=3)
 
 
-def draw_long(args: Namespace, rows: list[Row], path: Path) -> None:
+def draw_long(args: Namespace, results: Results, path: Path) -> None:
     """Steps until solved in long corridors, and how far each method gets."""
-    found = _index(rows)
+    found = _index(results.rows)
     lines = [
         (f"{method.label}, N = {corridor:,}", found[task(corridor), method.label, ENV_STEPS], COLOURS[k])
         for k, method in enumerate(args.methods)
@@ -55,14 +57,14 @@ def draw_long(args: Namespace, rows: list[Row], path: Path) -> None:
         logarithmic(steps, "x")
         steps.set_title("Environment steps until solved: median, 95% interval")
         reach.set_xlim(1, 2 * max(*args.corridors, 100))
-        _draw_reach(reach, args, rows)
+        _draw_reach(reach, args, results.rows)
         logarithmic(reach, "x")
         reach.set_xlabel("corridor length N")
 
 
-def draw_peers(args: Namespace, rows: list[Row], path: Path) -> None:
+def draw_peers(args: Namespace, results: Results, path: Path) -> None:
     """Steps and core-seconds until solved, beside what peers need."""
-    found, labels = _index(rows), list(dict.fromkeys(row.method for row in rows))
+    found, labels = _index(results.rows), list(dict.fromkeys(row.method for row in results.rows))
     height = 0.6 + len(args.corridors) * (0.7 + 0.32 * len(labels))
     with figure(path, [1] * len(args.corridors), columns=2, size=(9.0, height)) as panels:
         for k, corridor in enumerate(args.corridors):
@@ -76,7 +78,7 @@ def draw_peers(args: Namespace, rows: list[Row], path: Path) -> None:
         panels[0, 0].figure.suptitle("Full: measured, median with 95% interval. Hollow: reported.", fontsize=10)
 
 
-def _draw_reach(axes: Axes, args: Namespace, rows: list[Row]) -> None:
+def _draw_reach(axes: Axes, args: Namespace, rows: Sequence[Row]) -> None:
     """The longest corridor that each method solves."""
     labels = [method.label for method in args.methods]
     entries: list[tuple[str, float, str | None]] = []
@@ -89,5 +91,5 @@ def _draw_reach(axes: Axes, args: Namespace, rows: list[Row]) -> None:
     axes.set_title("Longest corridor solved reliably (hatched: reported)")
 
 
-def _index(rows: list[Row]) -> Rows:
+def _index(rows: Sequence[Row]) -> Rows:
     return {(row.task, row.method, row.metric): row for row in rows}

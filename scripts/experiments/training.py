@@ -21,6 +21,8 @@ from dpsearch.policies import RecurrentPolicy
 from dpsearch.rollout import Episodes, Rollouts
 from scripts.experiments.jobs import Outcome
 
+# Settings of the policy that came after the first logs of runs, with what had been meant: they count if they differ.
+LATER = {"readout": True}
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 
 
@@ -42,7 +44,7 @@ class Settings:
         parts = {
             "algo": [self.algo, asdict(config.algo)],
             "env": asdict(config.env),
-            "policy": asdict(config.policy),
+            "policy": {k: v for k, v in asdict(config.policy).items() if k not in LATER or v != LATER[k]},
             "limits": [config.total_steps, config.total_episodes, config.total_updates],
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
@@ -101,6 +103,7 @@ def _learn(algorithm: Algorithm[Any], solved: Callable[[], bool], **until: Any) 
         algorithm.learn(**until)
     return {
         "solved": int(solved()),
+        "evaluations": algorithm.evaluations,
         "env_steps": algorithm.env_steps,
         "episodes": algorithm.episodes,
         "updates": algorithm.updates,

@@ -9,7 +9,8 @@ import pytest
 from dpsearch.report.tables import SUCCESS_RATE
 from scripts import reproduce
 from scripts.experiments import EXPERIMENTS
-from scripts.experiments.jobs import Job, Outcome
+from scripts.experiments.experiment import Experiment
+from scripts.experiments.jobs import Batch, Outcome, run_batch
 from scripts.experiments.tmaze_reported import LONGEST
 
 
@@ -17,8 +18,8 @@ from scripts.experiments.tmaze_reported import LONGEST
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make runs in this process, one by one."""
 
-    def one_by_one(jobs: Iterable[Job], processes: int) -> Iterator[tuple[Job, Outcome]]:
-        return ((job, job.run()) for job in jobs)
+    def one_by_one(todo: Iterable[Batch], processes: int) -> Iterator[tuple[Batch, list[Outcome]]]:
+        return ((batch, run_batch(batch)) for batch in todo)
 
     monkeypatch.setattr(reproduce, "run_all", one_by_one)
 
@@ -40,8 +41,9 @@ class Pretence:
 
 
 def pretend(monkeypatch: pytest.MonkeyPatch, name: str, interrupt_after: int | None = None) -> Pretence:
-    pretence = Pretence(interrupt_after)
-    monkeypatch.setitem(EXPERIMENTS, name, replace(EXPERIMENTS[name], run=pretence))
+    pretence, experiment = Pretence(interrupt_after), EXPERIMENTS[name]
+    assert isinstance(experiment, Experiment)
+    monkeypatch.setitem(EXPERIMENTS, name, replace(experiment, run=pretence))
     return pretence
 
 
@@ -132,6 +134,8 @@ def test_a_corridor_that_no_run_solves_is_reported_too(monkeypatch: pytest.Monke
         (["fig_3_4", "--methods", "sarsa"], "unknown method 'sarsa'"),
         (["fig_3_4", "--runs", "0"], "at least 1, got '0'"),
         (["fig_3_4", "--seed", "-1"], "--seed"),
+        (["fig_7_1", "--functions", "Sphere,Ackley"], "unknown name 'Ackley'"),
+        (["fig_7_3", "--distances", "1,-1"], "expected positive numbers, got '1,-1'"),
     ],
 )
 def test_wrong_options_are_refused(options: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -188,8 +188,8 @@ def test_best_and_result_tell_what_was_told(make: Maker) -> None:
 def test_what_a_search_hands_out_are_copies(make: Maker) -> None:
     search = make(np.ones(3), 0.5, seed=0)
     evaluated(search, 10)
-    expected = search.best.x
-    assert expected is not None
+    assert search.best.x is not None
+    expected = search.best.x.copy()
     mean, stds = search.mean, search.stds
     for handed in (search.best.x, search.mean, search.stds, search.result.best.x):
         assert handed is not None

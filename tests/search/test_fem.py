@@ -134,12 +134,15 @@ def test_a_batch_is_fitted_by_its_weighted_mean_and_covariance() -> None:
 
 
 @pytest.mark.parametrize("expansion", [1.0, 1.3])
-def test_a_batch_forgets_like_algorithm_51(expansion: float) -> None:
-    search, z, u, mean, before = batch(0.4, expansion=expansion)
-    w = 0.4 * u / u.sum()
-    new = 0.6 * mean + w @ z
+@pytest.mark.parametrize(("alpha_sigma", "centre"), [(None, None), (0.2, "new"), (0.4, "old"), (0.2, "old")])
+def test_a_batch_forgets_like_algorithm_51(expansion: float, alpha_sigma: float | None, centre: str | None) -> None:
+    options = {"expansion": expansion, "covariance_forget_factor": alpha_sigma, "centre": centre}
+    search, z, u, mean, before = batch(0.4, **options)
+    w, v = u / u.sum(), alpha_sigma or 0.4
+    new = 0.6 * mean + 0.4 * w @ z
     np.testing.assert_allclose(search.mean, new, rtol=1e-10)
-    covariance = 0.6 * before + expansion * sum(w[k] * np.outer(z[k] - new, z[k] - new) for k in range(12))
+    x = mean if centre == "old" else new
+    covariance = (1 - v) * before + expansion * v * sum(w[k] * np.outer(z[k] - x, z[k] - x) for k in range(12))
     np.testing.assert_allclose(search.factor @ search.factor.T, covariance, rtol=0, atol=1e-12)
 
 
@@ -186,6 +189,8 @@ def test_an_argument_out_of_range_is_named(argument: str, options: dict[str, Any
 
 @pytest.mark.parametrize("d", [1, 2, 10])
 def test_the_defaults_suit_every_dimension(d: int) -> None:
+    assert FEM(np.zeros(d), 1.0).covariance_forget_factor == min(0.2, 0.5 / d)
+    assert FEM(np.zeros(d), 1.0, online=False).covariance_forget_factor == 1.0
     assert FEM(np.zeros(d), 1.0, online=False).top <= 5
     assert FEM(np.zeros(d), 1.0).top == 5
     assert FEM(np.zeros(d), 1.0, window=3).top == 3

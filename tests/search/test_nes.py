@@ -123,6 +123,17 @@ def test_regression_on_few_points_is_the_shortest_in_the_fisher_metric(n: int, r
     np.testing.assert_allclose(m, m.T, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("extent", [0.0, 1e-8])
+@pytest.mark.parametrize("n", [12, 18, 60])
+def test_regression_says_nothing_of_an_axis_without_extent(n: int, extent: float) -> None:
+    rng = np.random.default_rng(n)
+    y, u = rng.standard_normal((n, 4)), rng.standard_normal(n)
+    y[:, 0] *= extent
+    shift, m = regression_gradient(y, u)
+    shortest = np.linalg.lstsq(scaled_features(y), u, rcond=1e-7)[0][:-1]
+    assert np.sqrt(shift @ shift + 2 * (m**2).sum()) == pytest.approx(np.linalg.norm(shortest), rel=1e-6)
+
+
 def test_regressors_are_orthonormal_and_the_fisher_matrix_of_m_is_twice_the_identity() -> None:
     points, weights = quadrature(3)
     features = scaled_features(points)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from dpsearch.search import CMAES, FEM, NES, SNES, XNES
 from dpsearch.search.functions import FUNCTIONS, rotated_and_shifted
 from tests.search.makers import Maker
 
+THESIS_5D: dict[str, Any] = {"forget_factor": 0.1, "covariance_forget_factor": 0.1, "centre": "new", "window": 50}
 SOLVERS: dict[str, tuple[Maker, int, int]] = {  # and the evaluations they may use on Sphere and Ellipsoid
     "nes": (NES, 2500, 3500),
     "nes without importance mixing": (partial(NES, importance_mixing=False), 12_000, 18_000),
@@ -18,7 +20,8 @@ SOLVERS: dict[str, tuple[Maker, int, int]] = {  # and the evaluations they may u
     "nes, exact gradient": (partial(NES, gradient="exact"), 3000, 5000),
     "xnes": (XNES, 3500, 5000),
     "snes": (SNES, 2500, 0),
-    "fem, as in the thesis": (partial(FEM, forget_factor=0.1, window=50, top=5), 7000, 11_000),
+    "fem": (FEM, 4500, 6500),
+    "fem, as in the thesis": (partial(FEM, **THESIS_5D), 7000, 11_000),
     "fem, in batches": (partial(FEM, online=False, forget_factor=0.5, population=60, top=30), 7000, 10_000),
     "cmaes": (CMAES, 1500, 3000),
 }

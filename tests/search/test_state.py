@@ -69,7 +69,7 @@ def test_a_new_search_goes_on_from_a_state_bit_for_bit(make: Maker, done: int, a
     state = search.state_dict()
     heir = make(np.ones(3), 0.5, seed=99)
     heir.load_state_dict(state)
-    for g in range(done, done + 25):
+    for g in range(done, done + 15):
         np.testing.assert_array_equal(mixed_generation(search, g), mixed_generation(heir, g))
     for here, there in zip(leaves(search.state_dict()), leaves(heir.state_dict()), strict=True):
         np.testing.assert_array_equal(here, there)
@@ -174,10 +174,10 @@ def test_telling_needs_a_new_ask_after_a_state_is_loaded(make: Maker) -> None:
 
 WIDE: dict[str, Any] = {
     "nes": lambda: NES(np.ones(20), 0.5, population=400, seed=3),
-    "xnes": lambda: XNES(np.ones(120), 0.5, population=200, seed=3),
-    "fem": lambda: FEM(np.ones(120), 0.5, window=5, top=5, seed=3),
-    "cmaes": lambda: CMAES(np.ones(120), 0.5, population=60, seed=3),
-    "restarts": lambda: Restarts(XNES, np.ones(120), 0.5, population=60, patience=100, seed=3),
+    "xnes": lambda: XNES(np.ones(200), 0.5, population=200, seed=3),
+    "fem": lambda: FEM(np.ones(200), 0.5, window=5, top=5, seed=3),
+    "cmaes": lambda: CMAES(np.ones(200), 0.5, population=60, seed=3),
+    "restarts": lambda: Restarts(XNES, np.ones(200), 0.5, population=60, patience=100, seed=3),
 }
 """Large enough that linear algebra would use more than one thread if it could."""
 
