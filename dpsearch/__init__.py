@@ -9,32 +9,50 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from dpsearch.algos.policy_search import CMAESPolicySearch as CMAESPolicySearch
+    from dpsearch.algos.policy_search import FEMPolicySearch as FEMPolicySearch
+    from dpsearch.algos.policy_search import NESPolicySearch as NESPolicySearch
+    from dpsearch.algos.policy_search import SNESPolicySearch as SNESPolicySearch
+    from dpsearch.algos.policy_search import XNESPolicySearch as XNESPolicySearch
     from dpsearch.algos.rpg import RPG as RPG
     from dpsearch.algos.rpg import RPGConfig as RPGConfig
     from dpsearch.policies import PolicyConfig as PolicyConfig
     from dpsearch.policies import PolicyRunner as PolicyRunner
     from dpsearch.policies import RecurrentPolicy as RecurrentPolicy
     from dpsearch.rollout import make_rollouts as make_rollouts
+    from dpsearch.rollout.generalisation import generalisation_test as generalisation_test
 
     __version__: str
 
 # Public name -> the module it comes from: the imports above, for the interpreter.
 _HOMES = {
+    "CMAESPolicySearch": "dpsearch.algos.policy_search",
+    "FEMPolicySearch": "dpsearch.algos.policy_search",
+    "NESPolicySearch": "dpsearch.algos.policy_search",
+    "SNESPolicySearch": "dpsearch.algos.policy_search",
+    "XNESPolicySearch": "dpsearch.algos.policy_search",
     "RPG": "dpsearch.algos.rpg",
     "RPGConfig": "dpsearch.algos.rpg",
     "PolicyConfig": "dpsearch.policies",
     "PolicyRunner": "dpsearch.policies",
     "RecurrentPolicy": "dpsearch.policies",
+    "generalisation_test": "dpsearch.rollout.generalisation",
     "make_rollouts": "dpsearch.rollout",
 }
 
 __all__ = [
     "RPG",
+    "CMAESPolicySearch",
+    "FEMPolicySearch",
+    "NESPolicySearch",
     "PolicyConfig",
     "PolicyRunner",
     "RPGConfig",
     "RecurrentPolicy",
+    "SNESPolicySearch",
+    "XNESPolicySearch",
     "__version__",
+    "generalisation_test",
     "make_rollouts",
 ]
 

@@ -4,11 +4,14 @@ from collections.abc import Callable
 
 from scripts.benchmarks.measurement import Measurement
 from scripts.benchmarks.processes import compilation, memory, startup
+from scripts.benchmarks.searching import population, search
 from scripts.benchmarks.speed import sampling, update
 
 BENCHMARKS: dict[str, Callable[[int], list[Measurement]]] = {
     "sampling": sampling,
     "update": update,
+    "population": population,
+    "search": search,
     "startup": startup,
     "memory": memory,
     "compilation": compilation,
