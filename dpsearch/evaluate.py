@@ -21,6 +21,7 @@ from dpsearch.runs import EnvRecipe, RunDirectory, RunError, load_policy
 from dpsearch.runs.playback import Film, Gif, Video, play_episode
 
 EPISODES, WATCHED_EPISODES = 100, 3  # unless told otherwise
+FILMED_STEPS = 1000  # of an episode, unless told otherwise: poles that never fall would fill a disk
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -30,6 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         policy, recipe = load_policy(RunDirectory(options.run).policy if options.run.is_dir() else options.run)
         watched = options.render or options.video or options.gif
+        if options.steps and not watched:
+            raise RunError("--steps is for watching: give --render, --video or --gif too")
         evaluation = watch(policy, recipe, options) if watched else measure(policy, recipe, options)
     except (RunError, CheckpointError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -88,10 +91,12 @@ def _play(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespac
     runner = PolicyRunner(policy, seed=options.seed, greedy=options.greedy)
     played = []
     with closing(recipe.make(mode)) as env:
+        steps = options.steps or (FILMED_STEPS if options.video or options.gif else None)
         film = _film(options, env.metadata.get("render_fps", 30))
         for number, seed in enumerate(seeds, 1):
-            played.append(play_episode(env, runner, int(seed), film))
-            print(f"episode {number}: return {played[-1][0]:,.6g}, {played[-1][1]} steps")
+            played.append(play_episode(env, runner, int(seed), film, steps))
+            cut = ", not shown further (--steps)" if played[-1][1] == steps else ""
+            print(f"episode {number}: return {played[-1][0]:,.6g}, {played[-1][1]} steps{cut}")
         if film is not None:
             film.close()
     returns, lengths = zip(*played, strict=True)
@@ -131,6 +136,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--greedy", action="store_true", help="the most probable actions, not sampled ones")
     parser.add_argument("--seed", type=_seed, default=0, metavar="K", help="of everything random (0)")
+    parser.add_argument(
+        "--steps",
+        type=_positive,
+        metavar="M",
+        help=f"steps of an episode to watch ({FILMED_STEPS} in a film; all in a window)",
+    )
     show = parser.add_mutually_exclusive_group()
     show.add_argument("--render", action="store_true", help="watch in a window")
     show.add_argument("--video", type=Path, metavar="FILE", help="make a video, such as policy.mp4")

@@ -93,6 +93,13 @@ def test_a_gif_shows_every_step_and_lingers_at_the_end(evaluate: Evaluate, tmp_p
     assert max(durations) == 1250
 
 
+def test_a_film_of_a_long_episode_shows_its_beginning(evaluate: Evaluate, tmp_path: Path) -> None:
+    film = tmp_path / "policy.gif"
+    result = evaluate("--gif", film, "--episodes", 1, "--steps", 1)
+    assert "1 steps, not shown further (--steps)" in result.out
+    assert_refused(evaluate("--steps", 5), "--steps is for watching")
+
+
 def test_a_video_can_be_made(evaluate: Evaluate, tmp_path: Path) -> None:
     pytest.importorskip("imageio_ffmpeg")
     result = evaluate("--video", tmp_path / "policy.mp4", "--episodes", 1)

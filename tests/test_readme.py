@@ -18,3 +18,13 @@ def test_the_library_example_runs_as_printed(tmp_path: Path, monkeypatch: pytest
     names: dict[str, object] = {}
     exec(compile(example[1], "README.md", "exec"), names)
     assert names["reward"] == 4.0  # it remembered the sign
+
+
+def test_the_examples_of_searching_run_as_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    text = README.read_text(encoding="utf-8").split("## Search without gradients")[1].split("## ")[0]
+    search, poles = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names: dict[str, object] = {}
+    exec(compile(search, "README.md", "exec"), names)
+    assert "'target'" in capsys.readouterr().out
+    exec(compile(poles, "README.md", "exec"), names)
+    assert re.match(r"\d+ evaluations; \d+ of 625 other starts", capsys.readouterr().out)

@@ -32,7 +32,7 @@ class Film(Protocol):
 
 
 def play_episode(
-    env: gym.Env[Any, Any], runner: PolicyRunner, seed: int, film: Film | None = None
+    env: gym.Env[Any, Any], runner: PolicyRunner, seed: int, film: Film | None = None, max_steps: int | None = None
 ) -> tuple[float, int]:
     """Play one episode; returns its return and its number of steps.
 
@@ -41,6 +41,7 @@ def play_episode(
         runner: Who acts.
         seed: What the environment is reset with.
         film: Takes a frame of the start and of every step, and more of the end.
+        max_steps: Leave it unfinished after so many steps.
     """
     observation, _ = env.reset(seed=seed)
     runner.reset()
@@ -52,7 +53,7 @@ def play_episode(
         observation, reward, terminated, truncated, _ = env.step(action)
         total += float(reward)
         steps += 1
-        over = terminated or truncated
+        over = terminated or truncated or steps == max_steps
         _shoot(env, film)
     if film is not None:
         _shoot(env, film, round(LAST_FRAME_SECONDS * film.frames_per_second))
