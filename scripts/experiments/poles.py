@@ -72,7 +72,7 @@ THESIS = {
 # Table 7.4, and for CMA-ES and RPG the thesis's own chapter 3 and Gomez et al. (2008)
 REPORTED = {"SANE": 262_700, "ESP": 7374, "RPG": 6139, "CMA-ES": 3521, "CoSyNE": 1249}
 # Wierstra et al. (2014), medians of 100 runs
-REPORTED_ONE_UNIT = {"CoSyNE": 410, "xNES": 215, "SNES": 200, "xNES, importance mixing, adaptation sampling": 170}
+REPORTED_ONE_UNIT = {"CoSyNE": 410, "xNES": 215, "SNES": 200, "xNES, mixing, adaptation": 170}
 
 
 def add_options(parser: ArgumentParser, *, methods: Sequence[Method]) -> None:

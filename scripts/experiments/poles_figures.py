@@ -31,15 +31,16 @@ def draw_evaluations(args: Namespace, results: Results, path: Path) -> None:
                 failed = len(outcomes) - len(values)
                 if failed:
                     at = ("axes fraction", "data")
-                    axes.annotate(f"{failed} of {len(outcomes)} failed", (0.995, place), xycoords=at,
-                                  ha="right", va="center_baseline", color=GREY, fontsize=8)  # fmt: skip
+                    axes.annotate(f"{failed} of {len(outcomes)} failed", (1.01, place), xycoords=at,
+                                  ha="left", va="center_baseline", color=GREY, fontsize=8)  # fmt: skip
                 theirs = cell.thesis.get("evaluations")
                 if theirs is not None:
                     axes.plot(theirs, place, "D", color="black", fillstyle="none", markersize=8, zorder=4)
             for row in results.rows:
-                if row.task == task and row.runs is None and row.metric == "evaluations" and row.mean is not None:
-                    axes.plot(row.mean, lines.index(row.method), "D", color=GREY, fillstyle="none", markersize=8)
+                if row.task == task and row.runs is None and row.metric == "evaluations" and row.median is not None:
+                    axes.plot(row.median, lines.index(row.method), "D", color=GREY, fillstyle="none", markersize=8)
             name_lines(axes, lines)
             axes.set_title(task)
+            axes.set_xlabel("evaluations until success")
             logarithmic(axes, "x")
-        panels[-1, 0].set_xlabel("evaluations until success: runs, quartiles, 5% and 95%; hollow: reported")
+        panels[0, 0].figure.suptitle("Runs, quartiles, 5% and 95%. Hollow: reported.", fontsize=10)
