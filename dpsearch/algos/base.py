@@ -216,11 +216,11 @@ class Algorithm(ABC, Generic[ConfigT]):
             return False
         return bool(np.mean(self.recent_returns) >= threshold) and self.solving_return() >= threshold
 
-    def solving_return(self) -> float:
-        """Mean return of the 100 episodes that decide, at this update, whether the task is solved."""
+    def solving_return(self, n_episodes: int = RECENT_EPISODES) -> float:
+        """Mean return of the episodes that decide, at this update, whether the task is solved."""
         played = self.rollouts.collect(
             self.policy,
-            RECENT_EPISODES,
+            n_episodes,
             key=self.solving_key,  # of its own: what stopped the training must not also be what reports its success
             first_episode=self.updates * RECENT_EPISODES,
             record=False,

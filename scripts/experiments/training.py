@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import cache
 from time import process_time
 from typing import Any
 
@@ -70,7 +71,8 @@ class Settings:
         return {name: getattr(config, name) for name in ("total_steps", "total_episodes", "total_updates")}
 
 
-def compose(overrides: Sequence[str]) -> Settings:
+@cache
+def compose(overrides: tuple[str, ...]) -> Settings:
     """The configuration that ``train.py`` would have with the same overrides."""
     schema.register()
     with hydra.initialize_config_module("dpsearch.configs", version_base="1.3"):

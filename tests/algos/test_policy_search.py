@@ -58,6 +58,14 @@ def test_two_poles_without_velocities_are_balanced_by_memory_and_not_without() -
         assert not blind.learn(until_solved=True, total_episodes=3000).solved
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_candidate_is_judged_with_the_weights_that_its_policy_will_have(seed: int) -> None:
+    algorithm = searcher("fem", "dpsearch/DoublePole-v0", seed=seed)  # seeds with which rounding them made poles fall
+    algorithm.learn(total_episodes=3000, callback=lambda search, metrics: metrics["best"] < 100_000)
+    assert algorithm.search.best.fitness == 100_000
+    assert algorithm.evaluate(1).mean_return == 100_000
+
+
 def test_one_recurrent_unit_without_a_readout_has_four_weights_and_suffices() -> None:
     unit = PolicyConfig(core="rnn", hidden_size=1, bias=False, readout=False)
     algorithm = XNESPolicySearch(
