@@ -30,7 +30,15 @@ def test_a_fingerprint_tells_settings_apart_but_not_where_the_run_is_kept() -> N
 def test_runs_that_were_logged_before_a_setting_existed_are_found() -> None:
     long = ("algo=rpg", "env=tmaze", "env.corridor_length=10", "total_steps=20000000")
     assert compose(long).fingerprint() == "7b1cb480862f55aa"
-    assert compose((*long, "policy.readout=false",)).fingerprint() != compose(long).fingerprint()
+    assert (
+        compose(
+            (
+                *long,
+                "policy.readout=false",
+            )
+        ).fingerprint()
+        != compose(long).fingerprint()
+    )
 
 
 def test_a_run_ends_when_it_has_solved_the_task() -> None:
