@@ -25,7 +25,7 @@ from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts, Search
 
 SEARCH = 5  # purpose of the seed's stream that the search draws from
-CHOICES = ("best", "mean")
+CHOICES = ("auto", "best", "mean")
 
 
 @dataclass
@@ -41,7 +41,8 @@ class PolicySearchConfig:
         greedy: Candidates take the most probable action instead of a random one. A policy for continuous actions is
             deterministic anyway.
         choice: The policy that the search comes up with. ``"best"``: the candidate of highest fitness so far;
-            ``"mean"``: the centre of the search distribution, for a fitness so noisy that the best one was lucky.
+            ``"mean"``: the centre of the search distribution, for where fitness is random and the best one was lucky;
+            ``"auto"``: the mean where episodes or actions are random, as far as one can tell, else the best.
         restarts: Begin again elsewhere when the search distribution has shrunk to a point, or has run out of
             ``patience``. If False, the run ends there.
         tolx: A search has shrunk to a point when all its standard deviations are below this part of ``sigma0``.
@@ -54,7 +55,7 @@ class PolicySearchConfig:
     episodes_per_fitness: int = 1
     common_random_numbers: bool = True
     greedy: bool = False
-    choice: str = "best"
+    choice: str = "auto"
     restarts: bool = True
     tolx: float = 1e-6
     patience: int | None = None
@@ -115,8 +116,12 @@ class PolicySearch(Algorithm[ConfigT]):
             **overrides,
         )
         self.search = self._make_search()
-        self._generation_best = -np.inf
-        self._incumbent = 0  # the evaluation that found the weights in self.policy, if choice is "best"
+        kernel = getattr(self.rollouts, "kernel", None)
+        self._all_equal = kernel is not None and kernel.draws == 0 and self.policy.head.draws == 0  # nothing is random
+        automatic = "best" if self._all_equal else "mean"
+        self._choice = automatic if self.config.choice == "auto" else self.config.choice
+        self._incumbent = 0  # the evaluation that found the weights in self.policy, if the choice is the best
+        self._rejected = 0  # the incumbent that was last found not to solve the task
 
     def _make_search(self) -> Search:
         config, key = self.config, stream_key(self.seed, SEARCH)
@@ -137,7 +142,7 @@ class PolicySearch(Algorithm[ConfigT]):
     @property
     def evaluations(self) -> int:
         """Fitness evaluations so far; of a solved task, those it took to come upon the policy that solves it."""
-        return self.search.best.evaluation if self.solved and self.config.choice == "best" else self.search.evaluations
+        return self.search.best.evaluation if self.solved and self._choice == "best" else self.search.evaluations
 
     def update(self) -> Metrics:
         """One generation: ask, play, tell."""
@@ -156,7 +161,6 @@ class PolicySearch(Algorithm[ConfigT]):
         fitness = returns.mean(axis=1)
         self.search.tell(points, fitness)
         self._load_policy()
-        self._generation_best = float(fitness.max())
         self.updates += 1
         self.episodes += returns.size
         self.env_steps += int(lengths.sum())
@@ -165,7 +169,7 @@ class PolicySearch(Algorithm[ConfigT]):
         return {
             "return": float(returns.mean()),
             "episode_length": float(lengths.mean()),
-            "generation_best": self._generation_best,
+            "generation_best": float(fitness.max()),
             "best": self.search.best.fitness,
             "evaluations": self.search.evaluations,
             "sigma": float(np.exp(np.log(self.search.stds).mean())),
@@ -177,24 +181,25 @@ class PolicySearch(Algorithm[ConfigT]):
     def check_solved(self) -> bool:
         """Whether 100 evaluation episodes of the policy reach the environment's reward threshold.
 
-        They are played only when the generation's best candidate did in its own, or, if the policy is the mean of
-        the search, when the last 100 candidates did on average.
+        They are played only when the best candidate did in its own, and once for each, or, if the policy is the mean
+        of the search, when the last 100 episodes did on average. One is enough where nothing is random.
         """
         threshold = self.rollouts.reward_threshold
         if threshold is None:
             return False
-        if self.config.choice == "mean":
+        if self._choice == "mean":
             return super().check_solved()
-        if self._generation_best < threshold:
+        if self.search.best.fitness < threshold or self._rejected == self._incumbent:
             return False
-        kernel = getattr(self.rollouts, "kernel", None)
-        all_equal = kernel is not None and kernel.draws == 0 and self.policy.head.draws == 0  # nothing is random
-        return self.solving_return(1 if all_equal else RECENT_EPISODES) >= threshold
+        if self.solving_return(1 if self._all_equal else RECENT_EPISODES) >= threshold:
+            return True
+        self._rejected = self._incumbent
+        return False
 
     def _load_policy(self) -> None:
         """Put what the search has come up with into the policy."""
         best = self.search.best
-        if self.config.choice == "mean":
+        if self._choice == "mean":
             self.policy.load_vector(self.search.mean)
         elif best.x is not None and best.evaluation != self._incumbent:
             self.policy.load_vector(best.x)
@@ -212,16 +217,16 @@ class PolicySearch(Algorithm[ConfigT]):
         return {
             **super().state_dict(),
             "search": _mapped(self.search.state_dict(), np.ndarray, torch.from_numpy),
-            "generation_best": self._generation_best,
             "incumbent": self._incumbent,
+            "rejected": self._rejected,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on exactly where ``state_dict`` was taken."""
         super().load_state_dict(state)
         self.search.load_state_dict(_mapped(state["search"], torch.Tensor, torch.Tensor.numpy))
-        self._generation_best = state["generation_best"]
         self._incumbent = state["incumbent"]
+        self._rejected = state["rejected"]
 
 
 def _mapped(state: Any, kind: type[Any], convert: Callable[[Any], Any]) -> Any:
@@ -271,7 +276,7 @@ class FEMConfig(PolicySearchConfig):
     online: bool = True
     forget_factor: float | None = None
     covariance_forget_factor: float | None = None
-    centre: str | None = None
+    centre: str = "old"
     window: int | None = None
     top: int | None = None
     covariance: str = "full"

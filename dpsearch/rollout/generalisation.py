@@ -65,6 +65,10 @@ def balanced_starts(
         ValueError: If it is another task, an argument is out of range, or the policy does not fit.
         TypeError: If the environment does not know an argument.
     """
+    refused = {"reward", "start_state"} & env_kwargs.keys()
+    if refused or steps < 1:
+        wrong = f"{sorted(refused)[0]}, which the test sets itself" if refused else f"steps={steps}: at least 1"
+        raise ValueError(f"the generalisation test does not take {wrong}")
     arguments = {**env_kwargs, "reward": "steps", "start_state": GENERALISATION}
     key = stream_key(0)
     with closing(make_rollouts(env, threads=threads, env_kwargs=arguments, max_episode_steps=steps)) as rollouts:

@@ -29,6 +29,8 @@ from threadpoolctl import ThreadpoolController
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
+WIDEST = 1e100  # a standard deviation beyond which numbers soon overflow
+
 
 @dataclass(frozen=True)
 class Best:
@@ -90,6 +92,7 @@ class Search(ABC):
     """
 
     name: ClassVar[str]
+    least_population: ClassVar[int] = 2
     _saved: ClassVar[tuple[str, ...]] = (
         "evaluations",
         "generations",
@@ -123,9 +126,15 @@ class Search(ABC):
             raise ValueError(
                 f"sigma0 must be a positive number, or one for each of {len(self.x0)} axes, got {sigma0!r}"
             )
+        if (self.sigma0 > WIDEST).any():
+            raise ValueError(f"sigma0 must be at most {WIDEST:g}, got {sigma0!r}")
         self.population = self.default_population(len(self.x0)) if population is None else population
-        if self.population < self.least_population:
-            raise ValueError(f"population must be at least {self.least_population}, got {population}")
+        if not isinstance(self.population, int | np.integer) or self.population < self.least_population:
+            raise ValueError(f"population must be a whole number, at least {self.least_population}, got {population!r}")
+        if target is not None and np.isnan(target):
+            raise ValueError("target must be a number or None, got NaN")
+        if not tolx >= 0.0:
+            raise ValueError(f"tolx must be 0 or more, got {tolx}")
         if seed is not None and not 0 <= seed < 2**64:
             raise ValueError(f"seed must be in [0, 2**64), got {seed}")
         for name, number in (("max_evaluations", max_evaluations), ("patience", patience)):
@@ -143,8 +152,6 @@ class Search(ABC):
         self._best_evaluation = 0
         self._best_x = np.zeros(0)
         self._asked: Matrix | None = None
-
-    least_population: ClassVar[int] = 2
 
     @staticmethod
     def default_population(dimension: int) -> int:
@@ -224,7 +231,8 @@ class Search(ABC):
         """Why to stop, reason -> value; empty to go on.
 
         ``target``: that fitness is reached. ``max_evaluations``: that many values were told. ``tolx``: the search
-        distribution has shrunk to a point. ``patience``: no better fitness for so many evaluations.
+        distribution has shrunk to a point. ``diverged``: it has grown beyond all bounds.
+        ``patience``: no better fitness for so many evaluations.
         """
         reasons: dict[str, Any] = {}
         if self.target is not None and self._best >= self.target:
@@ -233,6 +241,8 @@ class Search(ABC):
             reasons["max_evaluations"] = self.evaluations
         if self.generations and (widest := float((self.stds / self.sigma0).max())) < self.tolx:
             reasons["tolx"] = widest
+        if self.generations and (widest := float(self.stds.max())) > WIDEST:
+            reasons["diverged"] = widest
         if self.patience is not None and (vain := self.evaluations - self._best_evaluation) >= self.patience:
             reasons["patience"] = vain
         return reasons
@@ -272,15 +282,17 @@ class Search(ABC):
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of the search depends on: numbers and arrays."""
         state = {name.strip("_"): getattr(self, name) for name in self._saved}
-        return copy.deepcopy(state) | {"seed": self.seed, "dimension": self.dimension}
+        return copy.deepcopy(state) | {"seed": self.seed, "dimension": self.dimension, "name": self.name}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on exactly where ``state_dict`` was taken, from a search that was made with the same arguments.
 
         Raises:
             KeyError: If something is missing.
-            ValueError: If the state is of a search of another dimension.
+            ValueError: If the state is of another kind of search, or of another dimension.
         """
+        if state["name"] != self.name:
+            raise ValueError(f"the state is of a search by {state['name']}, this search is by {self.name}")
         if state["dimension"] != self.dimension:
             raise ValueError(
                 f"the state is of dimension {state['dimension']}, this search of dimension {self.dimension}"

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from dpsearch.search.base import Matrix, Search, Vector, one_blas_thread
 
+OURS = frozenset({"popsize", "seed", "randn", "CMA_stds"})
 QUIET = {"verbose": -9, "verb_log": 0, "signals_filename": "", "seed": np.nan}
 
 
@@ -44,6 +45,9 @@ class CMAES(Search):
         self, x0: ArrayLike, sigma0: ArrayLike, *, cma_options: dict[str, Any] | None = None, **options: Any
     ) -> None:
         super().__init__(x0, sigma0, **options)
+        taken = OURS & (cma_options or {}).keys()
+        if taken:
+            raise ValueError(f"cma_options must leave {', '.join(sorted(taken))} to the arguments of CMAES")
         self._told = np.zeros(0)  # the fitness of all generations, one after another
         self._replaced: dict[int, Matrix] = {}  # generation -> points told in place of those asked
         step = float(self.sigma0.max())

@@ -41,17 +41,18 @@ class FEM(GaussianSearch):
         x0: ``(d,)``, the initial mean.
         sigma0: Initial standard deviation: one number, or ``(d,)`` of them.
         online: Learn from each sample, so that ``ask`` gives one point at a time; else a generation at once.
-        forget_factor: alpha in (0, 1], of the mean: 0.2 if None; in batches 1, which is maximum likelihood.
+        forget_factor: alpha in (0, 1], of the mean: 0.2 if None, in batches 0.5; 1 is maximum likelihood.
         covariance_forget_factor: That of the covariance: the smaller of 0.5 / d and ``forget_factor`` if None; in
             batches ``forget_factor``.
-        centre: The mean from which samples are seen when the covariance is fitted, ``"old"`` or ``"new"``; the old
-            one if None, in batches the new one.
+        centre: The mean from which samples are seen when the covariance is fitted, ``"old"`` or ``"new"``.
         window: How many of the last samples N, the newest one included, the newest is ranked among. Nothing is
             learned before there are as many. 25 if None. Online only; in batches, the population is ranked.
-        top: How many of the window, or of the population, have a utility above 0: m, from 1 up linearly. 5 if None.
+        top: How many of the window, or of the population, have a utility above 0: m, from 1 up linearly. 5 if None,
+            in batches half of the population.
         covariance: ``"full"`` or ``"diagonal"``.
         elitist: The best sample so far never leaves the window.
         expansion: Factor of the samples' part in the new covariance; above 1 the distribution shrinks later.
+        population: Samples of a batch, 15 d if None; online there is but one.
         **options: See ``Search``.
 
     Attributes:
@@ -74,7 +75,7 @@ class FEM(GaussianSearch):
         online: bool = True,
         forget_factor: float | None = None,
         covariance_forget_factor: float | None = None,
-        centre: str | None = None,
+        centre: str = "old",
         window: int | None = None,
         top: int | None = None,
         covariance: str = "full",
@@ -86,18 +87,22 @@ class FEM(GaussianSearch):
         if covariance not in COVARIANCES:
             raise ValueError(f"covariance must be one of {', '.join(COVARIANCES)}, got {covariance!r}")
         if online and (population is not None or options.get("importance_mixing")):
-            raise ValueError("population and importance_mixing are for batches: give online=False, or set window")
+            raise ValueError(
+                "population and importance_mixing are for batches (online=False); online there is a window"
+            )
         diagonal = covariance == "diagonal"
+        if not online and population is None:
+            population = 15 * np.size(x0)
         super().__init__(x0, sigma0, population=1 if online else population, diagonal=diagonal, **options)
         self.online = online
-        self.forget_factor = (0.2 if online else 1.0) if forget_factor is None else forget_factor
+        self.forget_factor = (0.2 if online else 0.5) if forget_factor is None else forget_factor
         if covariance_forget_factor is None:
             slow = min(0.5 / self.dimension, self.forget_factor)
             self.covariance_forget_factor = slow if online else self.forget_factor
         else:
             self.covariance_forget_factor = covariance_forget_factor
-        self.centre = ("old" if online else "new") if centre is None else centre
-        if self.centre not in CENTRES:
+        self.centre = centre
+        if centre not in CENTRES:
             raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
         self.window = 25 if window is None else window
         self.elitist = elitist
@@ -105,14 +110,14 @@ class FEM(GaussianSearch):
         if self.window < 1:
             raise ValueError(f"window must be at least 1, got {window}")
         ranked = self.window if online else self.population
-        self.top = min(5, ranked) if top is None else top
+        self.top = (min(5, ranked) if online else ranked // 2) if top is None else top
         if not 0.0 < self.forget_factor <= 1.0:
             raise ValueError(f"forget_factor must be in (0, 1], got {forget_factor}")
         if not 0.0 < self.covariance_forget_factor <= 1.0 or (online and self.covariance_forget_factor == 1.0):
             accepted = "in (0, 1)" if online else "in (0, 1]"
             raise ValueError(f"covariance_forget_factor must be {accepted}, got {self.covariance_forget_factor}")
         if not 1 <= self.top <= ranked:
-            raise ValueError(f"top must be from 1 to {ranked}, of which it is a part, got {self.top}")
+            raise ValueError(f"top must be from 1 to {ranked}, the number of samples that are ranked, got {self.top}")
         check_positive(expansion=expansion)
         self.repairs = 0
         self._unchanged = np.ones(self.dimension) if diagonal else np.eye(self.dimension)

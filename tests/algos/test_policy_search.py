@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from omegaconf import OmegaConf
 
 from dpsearch.algos import ALGORITHMS, NESPolicySearch, PolicySearch, SNESPolicySearch, XNESPolicySearch
 from dpsearch.algos.policy_search import NESConfig
@@ -16,6 +17,7 @@ from dpsearch.envs import DoublePoleHidden
 from dpsearch.policies import PolicyConfig
 from dpsearch.rollout import make_rollouts
 from dpsearch.search import SEARCHES, Restarts
+from dpsearch.search.fem import THESIS
 from tests.rollout.toy_envs import Countdown
 
 POLE = "dpsearch/SinglePole-v0"
@@ -119,6 +121,28 @@ def test_the_mean_of_the_search_can_be_the_policy() -> None:
     algorithm = searcher("snes", "dpsearch/TMaze-v0", choice="mean").learn(total_updates=3)
     np.testing.assert_allclose(algorithm.policy.vector(), algorithm.search.mean, rtol=1e-6)
     assert not algorithm.check_solved()
+
+
+def test_where_chance_plays_a_part_the_mean_is_the_policy_unless_asked_otherwise() -> None:
+    algorithm = searcher("xnes", "dpsearch/TMaze-v0").learn(total_updates=3)
+    np.testing.assert_allclose(algorithm.policy.vector(), algorithm.search.mean, rtol=1e-6)
+
+
+def test_a_lucky_candidate_is_tested_once() -> None:
+    algorithm = searcher("snes", "dpsearch/TMaze-v0", choice="best", seed=1)
+    tested = []
+    algorithm.learn(total_updates=60, until_solved=False)
+    assert algorithm.search.best.fitness == 4.0
+    for _ in range(3):
+        before = algorithm._rejected
+        algorithm.check_solved()
+        tested.append(algorithm._rejected != before)
+    assert tested == [True, False, False]
+
+
+def test_the_experiment_as_in_the_thesis_has_its_settings() -> None:
+    settings = OmegaConf.load(Path(__file__).parents[2] / "configs/experiment/poles_fem_thesis.yaml")
+    assert {name: settings.algo[name] for name in THESIS} == THESIS
 
 
 @pytest.mark.parametrize("name", SEARCHERS)

@@ -77,9 +77,11 @@ def test_a_stochastic_policy_can_be_tested_greedily_or_not() -> None:
 def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(TypeError, match="unexpected keyword argument 'reward'"):
         generalisation_test(policy(DoublePole), TMaze)
+    with pytest.raises(ValueError, match="does not take reward, which the test sets itself"):
+        generalisation_test(policy(DoublePole), DoublePole, reward="damping")
     with pytest.raises(ValueError, match="steps must be at most 100000, got 100001"):
         generalisation_test(policy(DoublePole), DoublePole, steps=100_001)
-    with pytest.raises(ValueError, match="must be positive"):
+    with pytest.raises(ValueError, match="steps=0: at least 1"):
         generalisation_test(policy(DoublePole), DoublePole, steps=0)
     with pytest.raises(ValueError, match="maps 6 observations to 1 actions, the environment has 3 and 1"):
         generalisation_test(policy(DoublePole))

@@ -85,7 +85,7 @@ def test_an_argument_out_of_range_is_named(make: Maker, argument: str, arguments
 def test_a_population_or_patience_too_small_is_named(name: str) -> None:
     make = TYPES[name.removesuffix("-batch")]
     least, options = (0, {"online": False, "top": 1}) if name == "fem-batch" else (1, {})
-    with pytest.raises(ValueError, match=f"population must be at least {least + 1}, got {least}"):
+    with pytest.raises(ValueError, match=f"population must be a whole number, at least {least + 1}, got {least}"):
         make(np.zeros(2), 1.0, population=least, **options)
     with pytest.raises(ValueError, match="patience must be at least 1, got 0"):
         make(np.zeros(2), 1.0, patience=0)
@@ -255,3 +255,18 @@ def test_a_callback_stops(make: Maker) -> None:
 def test_maximize_refuses_to_go_on_for_ever(make: Maker) -> None:
     with pytest.raises(ValueError, match="target, max_evaluations or a callback"):
         make(np.ones(3), 0.5, seed=0).maximize(lambda x: 0.0)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"), [("population", 20.5), ("target", np.nan), ("tolx", -1.0), ("tolx", np.nan)]
+)
+def test_a_value_of_no_use_is_refused(argument: str, value: float) -> None:
+    options: dict[str, Any] = {argument: value}
+    with pytest.raises(ValueError, match=argument):
+        SNES(np.zeros(2), 1.0, **options)
+
+
+def test_a_search_without_bounds_stops_before_numbers_overflow() -> None:
+    result = SNES(np.zeros(3), 1.0, max_evaluations=10**6, seed=0).maximize(lambda x: float(x[0]))
+    assert list(result.stop) == ["diverged"]
+    assert np.isfinite(result.mean).all()

@@ -39,16 +39,16 @@ class Algorithm51:
 @pytest.mark.parametrize("elitist", [False, True])
 @pytest.mark.parametrize("expansion", [1.0, 1.2])
 @pytest.mark.parametrize("covariance", ["full", "diagonal"])
-@pytest.mark.parametrize(("alpha_sigma", "centre"), [(0.3, "new"), (0.1, "new"), (0.3, "old"), (None, None)])
+@pytest.mark.parametrize(("alpha_sigma", "centre"), [(0.3, "new"), (0.1, "new"), (0.3, "old"), (None, "old")])
 def test_online_fem_is_algorithm_51(
-    elitist: bool, expansion: float, covariance: str, alpha_sigma: float | None, centre: str | None
+    elitist: bool, expansion: float, covariance: str, alpha_sigma: float | None, centre: str
 ) -> None:
     x0, sigma0 = np.array([1.0, -0.5, 2.0]), np.array([0.5, 1.0, 2.0])
     settings: dict[str, Any] = {"forget_factor": 0.3, "window": 10, "top": 4}
     settings |= {"covariance_forget_factor": alpha_sigma, "centre": centre}
     search = FEM(x0, sigma0, elitist=elitist, expansion=expansion, covariance=covariance, seed=7, **settings)
     twin = Algorithm51(x0, np.diag(sigma0**2), 0.3, 10, 4, expansion, elitist)
-    twin.alpha_sigma, twin.centre = alpha_sigma or 0.5 / 3, centre or "old"
+    twin.alpha_sigma, twin.centre = alpha_sigma or 0.5 / 3, centre
     for k in range(150):
         root = search.factor if covariance == "full" else np.diag(search.factor)
         z = search.ask()
@@ -114,7 +114,7 @@ def test_a_sample_at_the_mean_narrows_the_distribution() -> None:
 
 def batch(forget_factor: float, **options: Any) -> tuple[FEM, Array, Array, Array, Array]:
     """A batch search after one generation, its points and their utilities, and its mean and covariance before."""
-    options = {"population": 12, "top": 6, "seed": 1, **options}
+    options = {"population": 12, "top": 6, "seed": 1, "centre": "new", **options}
     search = FEM(np.ones(3), np.array([1.0, 0.5, 2.0]), online=False, forget_factor=forget_factor, **options)
     evaluated(search, 1)
     before = search.factor if search.diagonal else search.factor @ search.factor.T
@@ -134,8 +134,8 @@ def test_a_batch_is_fitted_by_its_weighted_mean_and_covariance() -> None:
 
 
 @pytest.mark.parametrize("expansion", [1.0, 1.3])
-@pytest.mark.parametrize(("alpha_sigma", "centre"), [(None, None), (0.2, "new"), (0.4, "old"), (0.2, "old")])
-def test_a_batch_forgets_like_algorithm_51(expansion: float, alpha_sigma: float | None, centre: str | None) -> None:
+@pytest.mark.parametrize(("alpha_sigma", "centre"), [(None, "new"), (0.2, "new"), (0.4, "old"), (0.2, "old")])
+def test_a_batch_forgets_like_algorithm_51(expansion: float, alpha_sigma: float | None, centre: str) -> None:
     options = {"expansion": expansion, "covariance_forget_factor": alpha_sigma, "centre": centre}
     search, z, u, mean, before = batch(0.4, **options)
     w, v = u / u.sum(), alpha_sigma or 0.4
@@ -156,7 +156,7 @@ def test_a_batch_with_diagonal_covariance_fits_each_axis() -> None:
 
 @pytest.mark.parametrize("covariance", ["full", "diagonal"])
 def test_a_batch_that_does_not_span_the_space_is_repaired_and_counted(covariance: str) -> None:
-    search = FEM(np.zeros(4), 1.0, online=False, covariance=covariance, forget_factor=1.0, top=1, seed=0)
+    search = FEM(np.zeros(4), 1.0, online=False, covariance=covariance, forget_factor=1.0, centre="new", top=1, seed=0)
     evaluated(search, 1)  # one point alone has a utility: no variance at all
     assert search.repairs == 1
     np.testing.assert_allclose(search.stds, 1e-6, rtol=1e-6)
@@ -190,7 +190,7 @@ def test_an_argument_out_of_range_is_named(argument: str, options: dict[str, Any
 @pytest.mark.parametrize("d", [1, 2, 10])
 def test_the_defaults_suit_every_dimension(d: int) -> None:
     assert FEM(np.zeros(d), 1.0).covariance_forget_factor == min(0.2, 0.5 / d)
-    assert FEM(np.zeros(d), 1.0, online=False).covariance_forget_factor == 1.0
-    assert FEM(np.zeros(d), 1.0, online=False).top <= 5
+    assert FEM(np.zeros(d), 1.0, online=False).covariance_forget_factor == 0.5
+    assert FEM(np.zeros(d), 1.0, online=False).top == 15 * d // 2
     assert FEM(np.zeros(d), 1.0).top == 5
     assert FEM(np.zeros(d), 1.0, window=3).top == 3

@@ -129,7 +129,7 @@ def test_a_state_is_numbers_and_arrays_that_torch_loads_safely(make: Maker, seed
     for g in range(8):
         mixed_generation(search, g)
     state = search.state_dict()
-    assert {type(leaf) for leaf in leaves(state)} <= {int, float, np.ndarray}
+    assert {type(leaf) for leaf in leaves(state)} <= {int, float, str, np.ndarray}
     file = io.BytesIO()
     torch.save(swapped(state, np.ndarray, torch.from_numpy), file)
     file.seek(0)
@@ -138,6 +138,11 @@ def test_a_state_is_numbers_and_arrays_that_torch_loads_safely(make: Maker, seed
     heir.load_state_dict(loaded)
     for g in range(8, 14):
         np.testing.assert_array_equal(mixed_generation(search, g), mixed_generation(heir, g))
+
+
+def test_a_state_of_another_kind_of_search_is_refused() -> None:
+    with pytest.raises(ValueError, match="the state is of a search by nes, this search is by xnes"):
+        XNES(np.ones(3), 0.5).load_state_dict(NES(np.ones(3), 0.5).state_dict())
 
 
 @pytest.mark.parametrize("generations", [0, 3])
