@@ -28,3 +28,7 @@ def test_the_examples_of_searching_run_as_printed(capsys: pytest.CaptureFixture[
     assert "'target'" in capsys.readouterr().out
     exec(compile(poles, "README.md", "exec"), names)
     assert re.match(r"\d+ evaluations; \d+ of 625 other starts", capsys.readouterr().out)
+
+
+def test_nothing_was_left_to_be_filled_in() -> None:
+    assert not re.search(r"@[A-Z]+@|TODO", README.read_text(encoding="utf-8"))
