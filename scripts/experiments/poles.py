@@ -175,7 +175,6 @@ def _experiment(
         draw=draw_evaluations,
         table=partial(Grid, line=_method, column=_task, corner="method"),
         log="poles",
-        fewer={method.name: 50 for method in (NES_THESIS, FEM_THESIS, NES, XNES_MIXING, SNES, CMAES)},
         **options,  # type: ignore[arg-type]
     )
 
