@@ -14,14 +14,16 @@ if __name__ != "dpsearch.envs":  # imported under two names, every class would e
     raise ImportError(f"this package is called dpsearch.envs: import that, not {__name__}")
 
 if TYPE_CHECKING:
+    from dpsearch.envs.belief import BeliefFilter as BeliefFilter
     from dpsearch.envs.kernel_env import KernelEnv as KernelEnv
-    from dpsearch.envs.kernel_env import KernelVectorEnv as KernelVectorEnv
-    from dpsearch.envs.kernel_env import Task as Task
+    from dpsearch.envs.kernel_vector_env import KernelVectorEnv as KernelVectorEnv
     from dpsearch.envs.poles import DoublePole as DoublePole
     from dpsearch.envs.poles import DoublePoleHidden as DoublePoleHidden
     from dpsearch.envs.poles import SinglePole as SinglePole
     from dpsearch.envs.poles import SinglePoleHidden as SinglePoleHidden
     from dpsearch.envs.tabular import TabularPOMDP as TabularPOMDP
+    from dpsearch.envs.tabular_env import TabularEnv as TabularEnv
+    from dpsearch.envs.task import Task as Task
     from dpsearch.envs.tmaze import TMaze as TMaze
     from dpsearch.envs.wrappers import HiddenState as HiddenState
     from dpsearch.envs.wrappers import ObserveOnly as ObserveOnly
@@ -34,18 +36,21 @@ _HOMES = {
     "DoublePoleHidden": "dpsearch.envs.poles",
     "HiddenState": "dpsearch.envs.wrappers",
     "KernelEnv": "dpsearch.envs.kernel_env",
-    "KernelVectorEnv": "dpsearch.envs.kernel_env",
+    "KernelVectorEnv": "dpsearch.envs.kernel_vector_env",
     "ObserveOnly": "dpsearch.envs.wrappers",
     "PreviousAction": "dpsearch.envs.wrappers",
     "PreviousReward": "dpsearch.envs.wrappers",
     "SinglePole": "dpsearch.envs.poles",
     "SinglePoleHidden": "dpsearch.envs.poles",
     "TMaze": "dpsearch.envs.tmaze",
+    "BeliefFilter": "dpsearch.envs.belief",
+    "TabularEnv": "dpsearch.envs.tabular_env",
     "TabularPOMDP": "dpsearch.envs.tabular",
-    "Task": "dpsearch.envs.kernel_env",
+    "Task": "dpsearch.envs.task",
 }
 
 __all__ = [
+    "BeliefFilter",
     "DoublePole",
     "DoublePoleHidden",
     "HiddenState",
@@ -57,6 +62,7 @@ __all__ = [
     "SinglePole",
     "SinglePoleHidden",
     "TMaze",
+    "TabularEnv",
     "TabularPOMDP",
     "Task",
 ]

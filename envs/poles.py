@@ -37,19 +37,20 @@ and L. Pyeatt, "A comparison between cellular encoding and direct encoding for g
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import override
 
 from dpsearch.envs.drawing import Frame
-from dpsearch.envs.kernel_env import KernelEnv, KernelVectorEnv, Task
+from dpsearch.envs.kernel_env import KernelEnv
+from dpsearch.envs.kernel_vector_env import VectorOf
 from dpsearch.envs.poles_drawing import View, picture, text
 from dpsearch.envs.poles_kernel import applied_force, pack
+from dpsearch.envs.task import Task
 
 TRACK = 2.4
 """How far the cart may be from the middle (m)."""
@@ -91,7 +92,7 @@ def generalisation_starts(poles: int) -> NDArray[np.float64]:
     return np.pad(grid, ((0, 0), (0, 2 * poles - 2)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PoleTask(Task):
     """What there is to know about a pole-balancing task.
 
@@ -110,8 +111,9 @@ class PoleTask(Task):
         """Places, angles and velocities, without what the kernel keeps in order to reward damping."""
         return states[:, : 2 + 2 * self.poles]
 
+    @override
     def threshold(self, limit: int) -> float | None:
-        """The mean return that counts as solved where episodes last up to ``limit`` steps: that of never falling."""
+        """That of never falling; with damping there is none."""
         return {"steps": float(limit), "failure": 0.0}.get(self.reward)
 
 
@@ -215,22 +217,18 @@ class PolesEnv(KernelEnv):
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
     ) -> None:
-        task = pole_task(self.poles, self.velocities, reward, start_state, cart_friction, max_episode_steps)
-        super().__init__(task, render_mode)
+        super().__init__(self.make_task(reward, start_state, cart_friction, max_episode_steps), render_mode)
 
-    @property
-    def reward_threshold(self) -> float | None:
-        """Mean return that counts as solved: that of never falling. With damping there is none."""
-        return self.task.threshold(self.max_episode_steps)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """How the environment was made. Limit and threshold are those of this task, not the registered ones."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = _own_spec(spec, self.task)
+    @classmethod
+    def make_task(
+        cls,
+        reward: str = "steps",
+        start_state: ArrayLike | str | None = None,
+        cart_friction: float = 0.0,
+        max_episode_steps: int | None = None,
+    ) -> PoleTask:
+        """What the class plays with these arguments."""
+        return pole_task(cls.poles, cls.velocities, reward, start_state, cart_friction, max_episode_steps)
 
     def view(self) -> View:
         """What there is to be seen of the present moment."""
@@ -254,61 +252,6 @@ class PolesEnv(KernelEnv):
     def text(self) -> str:
         """The moment in a few lines of text."""
         return text(self.view())
-
-
-class PolesVectorEnv(KernelVectorEnv):
-    """Many carts at once; see :class:`PolesEnv`.
-
-    Args:
-        num_envs: How many.
-        reward: "steps", "failure" or "damping".
-        start_state: See :class:`PolesEnv`.
-        cart_friction: See :class:`PolesEnv`.
-        max_episode_steps: See :class:`PolesEnv`.
-        **options: See :class:`KernelVectorEnv`.
-
-    Raises:
-        ValueError: If an argument is none of these.
-    """
-
-    poles: ClassVar[int]
-    velocities: ClassVar[bool]
-    task: PoleTask
-    _spec: EnvSpec | None = None
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        reward: str = "steps",
-        start_state: ArrayLike | str | None = None,
-        cart_friction: float = 0.0,
-        max_episode_steps: int | None = None,
-        **options: Any,
-    ) -> None:
-        task = pole_task(self.poles, self.velocities, reward, start_state, cart_friction, max_episode_steps)
-        super().__init__(task, num_envs, **options)
-
-    @property
-    def reward_threshold(self) -> float | None:
-        """Mean return that counts as solved: that of never falling. With damping there is none."""
-        return self.task.threshold(self.max_episode_steps)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """How the environments were made. Limit and threshold are those of this task, not the registered ones."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = _own_spec(spec, self.task)
-
-
-def _own_spec(spec: EnvSpec | None, task: PoleTask) -> EnvSpec | None:
-    if spec is None:
-        return None
-    limit = task.max_episode_steps if spec.max_episode_steps is None else spec.max_episode_steps
-    threshold = task.threshold(min(limit, task.max_episode_steps))
-    return replace(spec, max_episode_steps=limit, reward_threshold=threshold)
 
 
 class SinglePole(PolesEnv):
@@ -335,25 +278,25 @@ class DoublePoleHidden(PolesEnv):
     poles, velocities = 2, False
 
 
-class SinglePoleVector(PolesVectorEnv):
+class SinglePoleVector(VectorOf):
     """Many :class:`SinglePole`."""
 
-    poles, velocities = 1, True
+    scalar = SinglePole
 
 
-class SinglePoleHiddenVector(PolesVectorEnv):
+class SinglePoleHiddenVector(VectorOf):
     """Many :class:`SinglePoleHidden`."""
 
-    poles, velocities = 1, False
+    scalar = SinglePoleHidden
 
 
-class DoublePoleVector(PolesVectorEnv):
+class DoublePoleVector(VectorOf):
     """Many :class:`DoublePole`."""
 
-    poles, velocities = 2, True
+    scalar = DoublePole
 
 
-class DoublePoleHiddenVector(PolesVectorEnv):
+class DoublePoleHiddenVector(VectorOf):
     """Many :class:`DoublePoleHidden`."""
 
-    poles, velocities = 2, False
+    scalar = DoublePoleHidden

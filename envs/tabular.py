@@ -15,8 +15,8 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from dpsearch.envs.distributions import Distributions, by_row, row_starts
-from dpsearch.envs.kernel_env import Task
 from dpsearch.envs.tabular_kernel import pack
+from dpsearch.envs.task import Task
 from dpsearch.kernels.lanes import EnvKernel
 
 
@@ -314,20 +314,34 @@ class TabularPOMDP:
         """The model as compiled dynamics: what scalar, vector and lane engine all play."""
         return pack(self)
 
-    def task(self, max_episode_steps: int) -> Task:
+    def task(self, max_episode_steps: int, reward_threshold: float | None = None) -> TabularTask:
         """The model as a task for :class:`KernelEnv` and :class:`KernelVectorEnv`.
 
         Args:
             max_episode_steps: Steps after which an episode is cut off.
+            reward_threshold: Mean return that counts as solved, if any does.
         """
         low, high = np.float32(self.features.min()), np.float32(self.features.max())
-        return Task(
+        return TabularTask(
             kernel=self.kernel(),
             observation_space=spaces.Box(low, high, self.features.shape[1:], np.float32),
             action_space=spaces.Discrete(self.n_actions),
             state_space=spaces.Discrete(self.n_states),
             max_episode_steps=max_episode_steps,
+            reward_threshold=reward_threshold,
+            pomdp=self,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TabularTask(Task):
+    """A finite POMDP as a task.
+
+    Attributes:
+        pomdp: The model.
+    """
+
+    pomdp: TabularPOMDP
 
 
 def _require_shape(name: str, array: NDArray[np.generic], shape: tuple[int, ...]) -> None:

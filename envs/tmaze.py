@@ -26,14 +26,14 @@ Source: B. Bakker, "Reinforcement learning with long short-term memory", NIPS 14
 from __future__ import annotations
 
 from operator import index
-from typing import Any
 
 import numpy as np
 
 from dpsearch.envs.distributions import Distributions
 from dpsearch.envs.drawing import Frame
-from dpsearch.envs.kernel_env import KernelEnv, KernelVectorEnv
-from dpsearch.envs.tabular import TabularPOMDP
+from dpsearch.envs.kernel_vector_env import VectorOf
+from dpsearch.envs.tabular import TabularPOMDP, TabularTask
+from dpsearch.envs.tabular_env import TabularEnv
 from dpsearch.envs.tmaze_drawing import View, picture, text
 
 ACTIONS = ("north", "east", "south", "west")
@@ -43,6 +43,7 @@ SIGN_UP, SIGN_DOWN, CORRIDOR, JUNCTION = range(4)
 SIGNS = ("up", "down")
 LONGEST = 100_000
 REWARD_THRESHOLD = 3.8
+"""At least 96 of 100 signs remembered."""
 
 ENCODINGS = {
     "bits": ((0, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 0)),
@@ -114,7 +115,7 @@ def _checked_length(corridor_length: int) -> int:
     return n
 
 
-class TMaze(KernelEnv):
+class TMaze(TabularEnv):
     """One T-maze, as drawn above.
 
     Args:
@@ -122,19 +123,15 @@ class TMaze(KernelEnv):
         encoding: "bits" or "one_hot".
         max_episode_steps: Steps after which an episode is cut off; max(1000, 10 (N + 1)) by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
+        reveal: What drawings show; see :class:`TabularEnv`.
 
     Attributes:
         corridor_length: N.
         encoding: How symbols become inputs.
-        pomdp: The task as tables.
-        reward_threshold: Mean return that counts as solved: at least 96 of 100 signs remembered.
 
     Raises:
         ValueError: If an argument is none of these.
     """
-
-    reward_threshold = REWARD_THRESHOLD
-    metadata = {"render_modes": ["rgb_array", "human", "ansi"], "render_fps": 4}
 
     def __init__(
         self,
@@ -142,13 +139,19 @@ class TMaze(KernelEnv):
         encoding: str = "bits",
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
+        reveal: str = "state",
     ) -> None:
-        self.corridor_length = _checked_length(corridor_length)
+        super().__init__(self.make_task(corridor_length, encoding, max_episode_steps), render_mode, reveal)
+        self.corridor_length = corridor_length
         self.encoding = encoding
-        self.pomdp = tmaze_pomdp(corridor_length, encoding)
-        if max_episode_steps is None:
-            max_episode_steps = default_limit(corridor_length)
-        super().__init__(self.pomdp.task(max_episode_steps), render_mode)
+
+    @classmethod
+    def make_task(
+        cls, corridor_length: int = 10, encoding: str = "bits", max_episode_steps: int | None = None
+    ) -> TabularTask:
+        """What the class plays with these arguments."""
+        limit = default_limit(corridor_length) if max_episode_steps is None else max_episode_steps
+        return tmaze_pomdp(corridor_length, encoding).task(limit, REWARD_THRESHOLD)
 
     def view(self) -> View:
         """What there is to be seen of the present moment."""
@@ -178,28 +181,7 @@ class TMaze(KernelEnv):
         return text(self.view())
 
 
-class TMazeVector(KernelVectorEnv):
-    """Many T-mazes at once; see :class:`TMaze`.
+class TMazeVector(VectorOf):
+    """Many :class:`TMaze`."""
 
-    Args:
-        num_envs: How many.
-        corridor_length: N, the position of the junction, from 1 to 100,000.
-        encoding: "bits" or "one_hot".
-        max_episode_steps: Steps after which an episode is cut off; max(1000, 10 (N + 1)) by default.
-        **options: See :class:`KernelVectorEnv`.
-
-    Raises:
-        ValueError: If an argument is none of these.
-    """
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        corridor_length: int = 10,
-        encoding: str = "bits",
-        max_episode_steps: int | None = None,
-        **options: Any,
-    ) -> None:
-        if max_episode_steps is None:
-            max_episode_steps = default_limit(corridor_length)
-        super().__init__(tmaze_pomdp(corridor_length, encoding).task(max_episode_steps), num_envs, **options)
+    scalar = TMaze
