@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
@@ -18,6 +19,9 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dpsearch.algos import ALGORITHMS
+from dpsearch.algos.settings import require
+from dpsearch.envs.pomdp_reader import read_discount
+from dpsearch.envs.pomdp_tokens import PomdpFileError
 from dpsearch.policies import PolicyConfig
 from dpsearch.runs import EnvRecipe, RunError
 
@@ -71,6 +75,46 @@ class PolesConfig(EnvConfig):
     reward: str = MISSING
     start_state: Any = None
     cart_friction: float = MISSING
+
+
+@dataclass
+class TigerConfig(EnvConfig):
+    """The Tiger problem; see ``dpsearch.envs.Tiger``."""
+
+    single: bool = MISSING
+
+
+@dataclass
+class CheeseMazeConfig(EnvConfig):
+    """The cheese maze; see ``dpsearch.envs.CheeseMaze``."""
+
+    start: str = MISSING
+    bump_reward: float = MISSING
+
+
+@dataclass
+class Maze4x3Config(EnvConfig):
+    """The 4x3 maze; see ``dpsearch.envs.Maze4x3``."""
+
+    minus_ends: bool = MISSING
+
+
+@dataclass
+class PomdpConfig(EnvConfig):
+    """A finite POMDP from a file; see ``dpsearch.envs.POMDP``.
+
+    Attributes:
+        path: The file.
+        file: The same, absolute, for whoever goes on with the run or plays its policy elsewhere.
+    """
+
+    path: str = MISSING
+    file: str = MISSING
+
+    def recipe(self) -> EnvRecipe:
+        """How to make the environment."""
+        kwargs = {"max_episode_steps": self.max_episode_steps, "path": self.file}
+        return EnvRecipe(self.id, kwargs, reward_threshold=self.reward_threshold)
 
 
 @dataclass
@@ -155,17 +199,21 @@ class TrainConfig:
         }
         for name in ("total_steps", "total_episodes", "total_updates"):
             accepted[name] = (getattr(self, name) is None or getattr(self, name) >= 1, "at least 1, or null")
-        for name, (fits, what) in accepted.items():
-            if not fits:
-                raise ValueError(f"{name} must be {what}, got {getattr(self, name)}")
+        require(self, accepted)
 
 
 ENVS: dict[str, type[EnvConfig]] = {
+    "cheese": CheeseMazeConfig,
     "double_pole": PolesConfig,
     "double_pole_hidden": PolesConfig,
     "gym": GymConfig,
+    "maze4x3": Maze4x3Config,
+    "maze89": EnvConfig,
+    "pomdp": PomdpConfig,
+    "shuttle": EnvConfig,
     "single_pole": PolesConfig,
     "single_pole_hidden": PolesConfig,
+    "tiger": TigerConfig,
     "tmaze": TMazeConfig,
 }
 ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
@@ -186,7 +234,9 @@ RESUMABLE = frozenset(
 
 
 def register() -> None:
-    """Tell Hydra about the schemas."""
+    """Tell Hydra about the schemas, and OmegaConf what ``configs/env/pomdp.yaml`` takes from the file."""
+    OmegaConf.register_new_resolver("pomdp_file", _pomdp_file, replace=True)
+    OmegaConf.register_new_resolver("pomdp_discount", _pomdp_discount, replace=True)
     store = ConfigStore.instance()
     store.store(name="train_schema", node=TrainConfig)
     for group, schemas in (("algo", ALGOS), ("env", ENVS)):
@@ -196,6 +246,19 @@ def register() -> None:
                 if OmegaConf.is_dict(node._get_node(key)):  # an argument of something: takes any keys
                     OmegaConf.set_struct(node[key], False)
             store.store(group=group, name=f"{name}_schema", node=node)
+
+
+def _pomdp_file(*, _parent_: DictConfig) -> str:
+    """Absolute path of the file that ``path`` names; nothing if it names none, which is then said of ``path``."""
+    return "" if OmegaConf.is_missing(_parent_, "path") else str(Path(_parent_.path).expanduser().absolute())
+
+
+def _pomdp_discount(*, _parent_: DictConfig) -> float:
+    """The discount factor in that file."""
+    try:
+        return read_discount(_pomdp_file(_parent_=_parent_))
+    except PomdpFileError:
+        return 1.0  # for the environment to say what is wrong, in one line that names the file's
 
 
 def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:

@@ -15,15 +15,22 @@ if __name__ != "dpsearch.envs":  # imported under two names, every class would e
 
 if TYPE_CHECKING:
     from dpsearch.envs.belief import BeliefFilter as BeliefFilter
+    from dpsearch.envs.cheese_maze import CheeseMaze as CheeseMaze
     from dpsearch.envs.kernel_env import KernelEnv as KernelEnv
     from dpsearch.envs.kernel_vector_env import KernelVectorEnv as KernelVectorEnv
+    from dpsearch.envs.maze4x3 import Maze4x3 as Maze4x3
+    from dpsearch.envs.maze89 import Maze89 as Maze89
     from dpsearch.envs.poles import DoublePole as DoublePole
     from dpsearch.envs.poles import DoublePoleHidden as DoublePoleHidden
     from dpsearch.envs.poles import SinglePole as SinglePole
     from dpsearch.envs.poles import SinglePoleHidden as SinglePoleHidden
+    from dpsearch.envs.pomdp_env import POMDP as POMDP
+    from dpsearch.envs.pomdp_tokens import PomdpFileError as PomdpFileError
+    from dpsearch.envs.shuttle import ShuttleDocking as ShuttleDocking
     from dpsearch.envs.tabular import TabularPOMDP as TabularPOMDP
     from dpsearch.envs.tabular_env import TabularEnv as TabularEnv
     from dpsearch.envs.task import Task as Task
+    from dpsearch.envs.tiger import Tiger as Tiger
     from dpsearch.envs.tmaze import TMaze as TMaze
     from dpsearch.envs.wrappers import HiddenState as HiddenState
     from dpsearch.envs.wrappers import ObserveOnly as ObserveOnly
@@ -32,14 +39,20 @@ if TYPE_CHECKING:
 
 # Public name -> the module it comes from: the imports above, for the interpreter.
 _HOMES = {
+    "CheeseMaze": "dpsearch.envs.cheese_maze",
     "DoublePole": "dpsearch.envs.poles",
     "DoublePoleHidden": "dpsearch.envs.poles",
     "HiddenState": "dpsearch.envs.wrappers",
     "KernelEnv": "dpsearch.envs.kernel_env",
     "KernelVectorEnv": "dpsearch.envs.kernel_vector_env",
+    "Maze4x3": "dpsearch.envs.maze4x3",
+    "Maze89": "dpsearch.envs.maze89",
     "ObserveOnly": "dpsearch.envs.wrappers",
+    "POMDP": "dpsearch.envs.pomdp_env",
+    "PomdpFileError": "dpsearch.envs.pomdp_tokens",
     "PreviousAction": "dpsearch.envs.wrappers",
     "PreviousReward": "dpsearch.envs.wrappers",
+    "ShuttleDocking": "dpsearch.envs.shuttle",
     "SinglePole": "dpsearch.envs.poles",
     "SinglePoleHidden": "dpsearch.envs.poles",
     "TMaze": "dpsearch.envs.tmaze",
@@ -47,24 +60,32 @@ _HOMES = {
     "TabularEnv": "dpsearch.envs.tabular_env",
     "TabularPOMDP": "dpsearch.envs.tabular",
     "Task": "dpsearch.envs.task",
+    "Tiger": "dpsearch.envs.tiger",
 }
 
 __all__ = [
+    "POMDP",
     "BeliefFilter",
+    "CheeseMaze",
     "DoublePole",
     "DoublePoleHidden",
     "HiddenState",
     "KernelEnv",
     "KernelVectorEnv",
+    "Maze4x3",
+    "Maze89",
     "ObserveOnly",
+    "PomdpFileError",
     "PreviousAction",
     "PreviousReward",
+    "ShuttleDocking",
     "SinglePole",
     "SinglePoleHidden",
     "TMaze",
     "TabularEnv",
     "TabularPOMDP",
     "Task",
+    "Tiger",
 ]
 
 
@@ -80,7 +101,7 @@ def __dir__() -> list[str]:
     return sorted(set(globals()) | set(__all__))
 
 
-def _register(name: str, home: str, reward_threshold: float) -> None:
+def _register(name: str, home: str, reward_threshold: float | None = None) -> None:
     """Registers one environment, without a step limit: each knows its own, from its arguments."""
     if name not in gymnasium.registry:
         gymnasium.register(
@@ -92,5 +113,11 @@ def _register(name: str, home: str, reward_threshold: float) -> None:
 
 
 _register("dpsearch/TMaze-v0", "dpsearch.envs.tmaze:TMaze", reward_threshold=3.8)
+_register("dpsearch/Tiger-v0", "dpsearch.envs.tiger:Tiger", reward_threshold=80.0)
+_register("dpsearch/ShuttleDocking-v0", "dpsearch.envs.shuttle:ShuttleDocking", reward_threshold=1700.0)
+_register("dpsearch/Maze4x3-v0", "dpsearch.envs.maze4x3:Maze4x3", reward_threshold=0.7)
+_register("dpsearch/CheeseMaze-v0", "dpsearch.envs.cheese_maze:CheeseMaze", reward_threshold=0.9)
+_register("dpsearch/Maze89-v0", "dpsearch.envs.maze89:Maze89", reward_threshold=0.95)
+_register("dpsearch/POMDP-v0", "dpsearch.envs.pomdp_env:POMDP")  # what counts as solved is up to the file
 for _name in ("SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"):
     _register(f"dpsearch/{_name}-v0", f"dpsearch.envs.poles:{_name}", reward_threshold=100_000.0)

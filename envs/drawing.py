@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -11,14 +13,13 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from dpsearch.envs.palette import INK, PAPER
+
 Point = tuple[float, float]
 Frame = NDArray[np.uint8]
 
-PAPER, INK, FAINT, LINE = "#faf9f6", "#1f2933", "#7b8794", "#cbd2d9"
-BLUE, GREEN, RED = "#2563eb", "#15803d", "#c62828"
-ORANGE, SAND, WHITE, MINT, ROSE = "#f08a24", "#efe6d2", "#ffffff", "#d3efd9", "#f7d4d2"
-
 _OVERSAMPLING = 2  # shapes are drawn so much larger and then shrunk, which smooths their edges
+_SMALLEST = 10  # size of text that can still be read
 
 
 @cache
@@ -37,41 +38,77 @@ class Canvas:
         """The finished picture, ``(height, width, 3)``."""
         return np.array(self._image.reduce(_OVERSAMPLING))
 
-    def box(self, corner: Point, opposite: Point, fill: str, outline: str | None = None, radius: float = 0) -> None:
+    def box(
+        self, corner: Point, opposite: Point, fill: str | None, outline: str | None = None, radius: float = 0
+    ) -> None:
         """A rectangle, its upper left and lower right corner given, with rounded corners."""
         corners = [value * _OVERSAMPLING for value in (*corner, *opposite)]
         self._draw.rounded_rectangle(corners, radius * _OVERSAMPLING, fill, outline, 2 * _OVERSAMPLING)
 
-    def disc(self, center: Point, radius: float, fill: str, outline: str | None = None) -> None:
+    def disc(self, center: Point, radius: float, fill: str | None, outline: str | None = None) -> None:
         """A filled circle."""
-        scaled = (center[0] * _OVERSAMPLING, center[1] * _OVERSAMPLING)
-        self._draw.circle(scaled, radius * _OVERSAMPLING, fill, outline, 2 * _OVERSAMPLING)
+        self._draw.circle(_scaled(center), radius * _OVERSAMPLING, fill, outline, 2 * _OVERSAMPLING)
+
+    def polygon(self, corners: Sequence[Point], fill: str) -> None:
+        """A filled shape, its corners given one after the other."""
+        self._draw.polygon([_scaled(corner) for corner in corners], fill)
 
     def line(self, start: Point, end: Point, color: str, width: float = 2) -> None:
         """A straight line."""
         ends = [value * _OVERSAMPLING for value in (*start, *end)]
         self._draw.line(ends, color, round(width * _OVERSAMPLING))
 
+    def dashes(self, start: Point, end: Point, color: str, width: float = 1.5, count: int = 10) -> None:
+        """A straight line of ``count`` dashes, with gaps as long as these."""
+        (x, y), (dx, dy) = start, (end[0] - start[0], end[1] - start[1])
+        for k in range(count):
+            a, b = 2 * k / (2 * count), (2 * k + 1) / (2 * count)
+            self.line((x + a * dx, y + a * dy), (x + b * dx, y + b * dy), color, width)
+
+    def arc(self, center: Point, radius: float, angles: tuple[float, float], color: str, width: float = 2) -> None:
+        """Part of a circle, between two angles in degrees, clockwise from the right."""
+        (x, y), r = _scaled(center), radius * _OVERSAMPLING
+        self._draw.arc((x - r, y - r, x + r, y + r), *angles, color, round(width * _OVERSAMPLING))
+
     def arrow(self, center: Point, direction: Point, size: float, color: str) -> None:
         """An arrow of length ``size`` along one of the four directions, e.g. ``(0, -1)`` for up."""
         outline = [(0.5, 0), (0.06, 0.36), (0.06, 0.13), (-0.5, 0.13)]  # of one that points right, upper half
         outline += [(along, -across) for along, across in reversed(outline)]
         (x, y), (dx, dy) = center, direction
-        self._draw.polygon(
-            [
-                (
-                    (x + size * (a * dx - b * dy)) * _OVERSAMPLING,
-                    (y + size * (a * dy + b * dx)) * _OVERSAMPLING,
-                )
-                for a, b in outline
-            ],
-            color,
-        )
+        self.polygon([(x + size * (a * dx - b * dy), y + size * (a * dy + b * dx)) for a, b in outline], color)
 
-    def text(self, at: Point, text: str, size: int = 16, color: str = INK, anchor: str = "lm") -> None:
-        """One line of text; ``anchor`` is Pillow's: "lm" puts the middle of its left edge at the point."""
-        scaled = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
-        self._draw.text(scaled, text, color, _font(size * _OVERSAMPLING), anchor)
+    def text(
+        self, at: Point, text: str, size: int = 16, color: str = INK, anchor: str = "lm", width: float = math.inf
+    ) -> None:
+        """One line of text, made smaller if it would be wider than ``width``.
+
+        ``anchor`` is Pillow's: "lm" puts the middle of its left edge at the point.
+        """
+        while size > _SMALLEST and self.text_width(text, size) > width:
+            size -= 1
+        self._draw.text(_scaled(at), text, color, _font(size * _OVERSAMPLING), anchor)
+
+    def paragraph(self, at: Point, text: str, width: float, size: int = 16, color: str = INK) -> float:
+        """Text broken into lines as wide as ``width`` at most, from the upper left corner on; returns its height."""
+        lines = [""]
+        for word in text.split():
+            longer = f"{lines[-1]} {word}".lstrip()
+            if lines[-1] and self.text_width(longer, size) > width:
+                lines.append(word)
+            else:
+                lines[-1] = longer
+        spacing = 1.4 * size
+        for i, line in enumerate(lines):
+            self.text((at[0], at[1] + (i + 0.5) * spacing), line, size, color)
+        return len(lines) * spacing
+
+    def text_width(self, text: str, size: int) -> float:
+        """How wide a line of text would be."""
+        return float(self._draw.textlength(text, _font(size * _OVERSAMPLING))) / _OVERSAMPLING
+
+
+def _scaled(point: Point) -> Point:
+    return point[0] * _OVERSAMPLING, point[1] * _OVERSAMPLING
 
 
 class Window:

@@ -5,31 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dpsearch.envs.drawing import (
-    BLUE,
-    FAINT,
-    GREEN,
-    INK,
-    LINE,
-    ORANGE,
-    PAPER,
-    RED,
-    ROSE,
-    SAND,
-    WHITE,
-    Canvas,
-    Frame,
-    Point,
-)
+from dpsearch.envs import palette
+from dpsearch.envs.drawing import Canvas, Frame, Point
+from dpsearch.envs.scene import MARGIN, WIDTH, Card, Message, stage
 
-WIDTH, HEIGHT = 960, 540
 _METRE = 150.0  # pixels
 _MIDDLE, _GROUND = WIDTH / 2, 362.0  # the middle of the track, and the height of the rails
 _CART_WIDTH, _CART_HEIGHT, _WHEEL = 84.0, 34.0, 9.0
 _HINGES = ((0.0,), (-17.0, 20.0))  # where on the cart the poles stand, for one pole and for two
 _LENGTHS = (1.0, 0.1)  # of the poles, in metres
 _WIDTHS = (9.0, 7.0)
-_COLORS = (ORANGE, BLUE)
+_COLORS = (palette.ORANGE, palette.BLUE)
 _SECONDS = 0.02  # that an action lasts
 _TEXT_CELLS = 48  # characters between the ends of the track
 
@@ -97,19 +83,19 @@ class View:
         """How long the episode has lasted."""
         return f"{self.step:,} of {self.max_steps:,} steps, {self.step * _SECONDS:.2f} s"
 
-    def message(self) -> tuple[str, str]:
-        """What goes on, in a sentence, and its color."""
+    def message(self) -> Message:
+        """What goes on."""
         for name, down in zip(self.names, self.fallen, strict=True):
             if down:
                 degrees = round(math.degrees(self.lean))
-                return f"The {name} leans by more than {degrees}°: it fell in step {self.step}.", RED
+                return Message(f"The {name} leans by more than {degrees}°: it fell in step {self.step}.", palette.RED)
         if self.off_the_track:
-            return f"The cart has left the track in step {self.step}.", RED
+            return Message(f"The cart has left the track in step {self.step}.", palette.RED)
         if self.step >= self.max_steps:
-            return "Balanced to the end.", GREEN
+            return Message("Balanced to the end.", palette.GREEN)
         if self.force is None:
-            return "The start: everything is at rest." if not any(self.state[1::2]) else "The start.", INK
-        return f"Balanced for {self.step:,} step{'s' * (self.step != 1)}, {self.step * _SECONDS:.2f} seconds.", INK
+            return Message("The start." if any(self.state[1::2]) else "The start: everything is at rest.")
+        return Message(f"Balanced for {self.step:,} step{'s' * (self.step != 1)}, {self.step * _SECONDS:.2f} seconds.")
 
     def readings(self) -> list[tuple[str, str, str | None]]:
         """Name and value of each number of the state, and what the agent sees of it: None if it is hidden."""
@@ -129,33 +115,29 @@ class View:
 
 def picture(view: View) -> Frame:
     """A picture of the moment, ``(HEIGHT, WIDTH, 3)``."""
-    canvas = Canvas(WIDTH, HEIGHT)
-    message, color = view.message()
-    canvas.text((40, 38), view.title, 30)
-    canvas.text((196, 41), view.aim, 17, FAINT)
-    canvas.text((40, 82), message, 21, color)
-    canvas.text((WIDTH - 40, 82), f"return {view.episode_return:.6g}", 17, FAINT, "rm")
+    canvas = stage(view.title, view.aim, view.message(), _cards(view))
+    canvas.text((WIDTH - MARGIN, 88), f"return {view.episode_return:.6g}", 17, palette.FAINT, "rm")
+    canvas.text((MARGIN, 525), view.time, 14, palette.FAINT)
     _track(canvas, view)
     _cart(canvas, view)
-    _panel(canvas, view)
     return canvas.frame()
 
 
 def _track(canvas: Canvas, view: View) -> None:
     """Rails with a ruler below them, and a buffer at either end."""
     reach = view.track * _METRE
-    color = RED if view.off_the_track else INK
-    canvas.line((_MIDDLE - reach - 60, _GROUND), (_MIDDLE + reach + 60, _GROUND), LINE, 3)
-    canvas.line((_MIDDLE - reach, _GROUND), (_MIDDLE + reach, _GROUND), FAINT, 3)
+    color = palette.RED if view.off_the_track else palette.INK
+    canvas.line((_MIDDLE - reach - 60, _GROUND), (_MIDDLE + reach + 60, _GROUND), palette.LINE, 3)
+    canvas.line((_MIDDLE - reach, _GROUND), (_MIDDLE + reach, _GROUND), palette.FAINT, 3)
     for side in (-1, 1):
         x = _MIDDLE + side * reach
         canvas.box((x - 4, _GROUND - 30), (x + 4, _GROUND + 6), color, radius=2)
         canvas.text((x, _GROUND + 20), f"{side * view.track:+g} m", 14, color, "mm")
     for mark in (-2, -1, 0, 1, 2):
         x = _MIDDLE + mark * _METRE
-        canvas.line((x, _GROUND), (x, _GROUND + 7), FAINT)
+        canvas.line((x, _GROUND), (x, _GROUND + 7), palette.FAINT)
         if abs(mark) < 2:  # the others would be too close to the ends
-            canvas.text((x, _GROUND + 20), f"{mark}", 14, FAINT, "mm")
+            canvas.text((x, _GROUND + 20), f"{mark}", 14, palette.FAINT, "mm")
 
 
 def _cart(canvas: Canvas, view: View) -> None:
@@ -164,15 +146,15 @@ def _cart(canvas: Canvas, view: View) -> None:
     hinges = [(x + shift, top) for shift in _HINGES[len(view.angles) - 1]]
     for hinge, length in zip(hinges, _LENGTHS, strict=False):
         for side in (-1, 1):
-            _dashes(canvas, hinge, _tip(hinge, side * view.lean, max(length, 0.25) * _METRE * 1.05))
+            canvas.dashes(hinge, _tip(hinge, side * view.lean, max(length, 0.25) * _METRE * 1.05), palette.LINE)
     for i, (hinge, angle) in enumerate(zip(hinges, view.angles, strict=True)):
-        _pole(canvas, hinge, angle, _LENGTHS[i] * _METRE, _WIDTHS[i], RED if view.fallen[i] else _COLORS[i])
-    canvas.box((x - _CART_WIDTH / 2, top), (x + _CART_WIDTH / 2, top + _CART_HEIGHT), SAND, INK, 5)
-    canvas.line((x, top + _CART_HEIGHT), (x, _GROUND), INK)  # the cart's place is that of its middle
+        _pole(canvas, hinge, angle, _LENGTHS[i] * _METRE, _WIDTHS[i], palette.RED if view.fallen[i] else _COLORS[i])
+    canvas.box((x - _CART_WIDTH / 2, top), (x + _CART_WIDTH / 2, top + _CART_HEIGHT), palette.SAND, palette.INK, 5)
+    canvas.line((x, top + _CART_HEIGHT), (x, _GROUND), palette.INK)  # the cart's place is that of its middle
     for hinge in hinges:
-        canvas.disc(hinge, 5, INK)
+        canvas.disc(hinge, 5, palette.INK)
     for side in (-1, 1):
-        canvas.disc((x + side * _CART_WIDTH * 0.3, _GROUND - _WHEEL), _WHEEL, INK, PAPER)
+        canvas.disc((x + side * _CART_WIDTH * 0.3, _GROUND - _WHEEL), _WHEEL, palette.INK, palette.PAPER)
     _force(canvas, view, x, top + _CART_HEIGHT / 2 + 1)
 
 
@@ -183,8 +165,8 @@ def _force(canvas: Canvas, view: View, x: float, y: float) -> None:
     side = 1.0 if view.force > 0 else -1.0
     size = 14.0 + 5.0 * abs(view.force)
     edge = x - side * (_CART_WIDTH / 2 + 6)
-    canvas.arrow((edge - side * size / 2, y), (side, 0.0), size, GREEN)
-    canvas.text((edge, y - 12 - size * 0.3), f"{view.force:+.2f} N", 14, GREEN, "rm" if side > 0 else "lm")
+    canvas.arrow((edge - side * size / 2, y), (side, 0.0), size, palette.GREEN)
+    canvas.text((edge, y - 12 - size * 0.3), f"{view.force:+.2f} N", 14, palette.GREEN, "rm" if side > 0 else "lm")
 
 
 def _pole(canvas: Canvas, hinge: Point, angle: float, length: float, width: float, color: str) -> None:
@@ -192,12 +174,6 @@ def _pole(canvas: Canvas, hinge: Point, angle: float, length: float, width: floa
     canvas.line(hinge, tip, color, width)
     for end in (hinge, tip):
         canvas.disc(end, width / 2, color)
-
-
-def _dashes(canvas: Canvas, start: Point, end: Point) -> None:
-    for k in range(0, 20, 2):
-        dash = [tuple(a + (b - a) * (k + j) / 20 for a, b in zip(start, end, strict=True)) for j in (0, 1)]
-        canvas.line((dash[0][0], dash[0][1]), (dash[1][0], dash[1][1]), LINE, 1.5)
 
 
 def _tip(hinge: Point, angle: float, length: float) -> Point:
@@ -210,20 +186,18 @@ def _within(value: float, bound: float) -> float:
     return min(max(value, -bound), bound)
 
 
-def _panel(canvas: Canvas, view: View) -> None:
-    """One card for each number of the state, what the agent does not see in grey; and the time."""
-    readings = view.readings()
-    top, height, gap, edge = 422, 86, 10, 40
-    width = (WIDTH - 2 * edge - gap * (len(readings) - 1)) / len(readings)
+def _cards(view: View) -> list[Card]:
+    """One for each number of the state, what the agent does not see in grey."""
     wrong = [view.off_the_track, False, *(flag for down in view.fallen for flag in (down, False))]
-    for i, (title, value, seen) in enumerate(readings):
-        x = edge + i * (width + gap)
-        fill = ROSE if wrong[i] else WHITE if seen is not None else PAPER
-        canvas.box((x, top), (x + width, top + height), fill, LINE, 8)
-        canvas.text((x + 12, top + 18), title, 13, FAINT)
-        canvas.text((x + 12, top + 43), value, 18, RED if wrong[i] else INK if seen is not None else FAINT)
-        canvas.text((x + 12, top + 68), "hidden" if seen is None else f"sees {seen}", 14, FAINT)
-    canvas.text((edge, 525), view.time, 14, FAINT)
+    cards = []
+    for bad, (title, value, seen) in zip(wrong, view.readings(), strict=True):
+        note = "hidden" if seen is None else f"sees {seen}"
+        if bad:
+            fill, color = palette.ROSE, palette.RED
+        else:
+            fill, color = (palette.PAPER, palette.FAINT) if seen is None else (palette.WHITE, palette.INK)
+        cards.append(Card(title, value, note, fill=fill, color=color))
+    return cards
 
 
 def text(view: View) -> str:

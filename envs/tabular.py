@@ -8,6 +8,7 @@ for most models have few different ones, whatever the number of their states.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,7 @@ from dpsearch.kernels.lanes import EnvKernel
 class TabularPOMDP:
     """A finite partially observable Markov decision process, sparse.
 
-    Most models are built with :meth:`from_entries` or :meth:`from_dense`.
+    Most models are built with :meth:`from_entries` or :meth:`from_dense`, or read with :meth:`from_pomdp_file`.
 
     Attributes:
         start: Distribution of the start state: one row over S states.
@@ -264,6 +265,28 @@ class TabularPOMDP:
             action_names=action_names,
             observation_names=observation_names,
         )
+
+    @classmethod
+    def from_pomdp_file(cls, path: str | os.PathLike[str]) -> TabularPOMDP:
+        """Reads a model in Cassandra's format; ``pomdp_reader`` says how.
+
+        Raises:
+            PomdpFileError: A ValueError, if the file is missing or malformed; the message names the line.
+        """
+        from dpsearch.envs.pomdp_reader import read_pomdp_file
+
+        return read_pomdp_file(path)
+
+    def to_pomdp_file(self, path: str | os.PathLike[str]) -> None:
+        """Writes the model in Cassandra's format, with all its digits: what is read from there has the same arrays.
+
+        Raises:
+            ValueError: If the model is too large for that.
+            OSError: If the file cannot be written.
+        """
+        from dpsearch.envs.pomdp_writer import write_pomdp_file
+
+        write_pomdp_file(self, path)
 
     @property
     def n_states(self) -> int:

@@ -14,6 +14,8 @@ from dpsearch.envs.tabular import TabularPOMDP, TabularTask
 
 REVEALED = ("state", "belief", "nothing")
 """What drawings may show beside what the agent sees: where it really is; what it could infer as well; or nothing."""
+MOST_BELIEVED = 5000
+"""States of the largest model for which beliefs can be shown: the tables for Bayes' rule grow with their square."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,10 @@ class TabularEnv(KernelEnv):
     def __init__(self, task: TabularTask, render_mode: str | None = None, reveal: str = "state") -> None:
         if reveal not in REVEALED:
             raise ValueError(f"reveal must be one of {', '.join(REVEALED)}, got {reveal!r}")
+        if reveal == "belief" and task.pomdp.n_states > MOST_BELIEVED:
+            raise ValueError(
+                f'reveal="belief" is for models of up to {MOST_BELIEVED:,} states, this one has {task.pomdp.n_states:,}'
+            )
         super().__init__(task, render_mode)
         self.pomdp = task.pomdp
         self.reveal = reveal
@@ -113,8 +119,10 @@ class TabularEnv(KernelEnv):
             return
         if self._belief is None or self.last_action is None:
             self._belief = self._filter.start([symbol])
-        else:
-            self._belief = self._filter.update(self._belief, [int(self.last_action)], [symbol])
+            return
+        belief = self._filter.update(self._belief, [int(self.last_action)], [symbol])
+        belief *= self.pomdp.terminal == self.pomdp.terminal[state]  # whether the episode goes on is no secret
+        self._belief = belief / belief.sum()
 
     def moment(self) -> Moment:
         """What there is to be seen of the present moment, in an environment that has a render mode."""

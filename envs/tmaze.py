@@ -29,18 +29,17 @@ from operator import index
 
 import numpy as np
 
+from dpsearch.envs import tmaze_drawing
 from dpsearch.envs.distributions import Distributions
 from dpsearch.envs.drawing import Frame
 from dpsearch.envs.kernel_vector_env import VectorOf
 from dpsearch.envs.tabular import TabularPOMDP, TabularTask
 from dpsearch.envs.tabular_env import TabularEnv
-from dpsearch.envs.tmaze_drawing import View, picture, text
 
 ACTIONS = ("north", "east", "south", "west")
 NORTH, EAST, SOUTH, WEST = range(4)
 SYMBOLS = ("sign up", "sign down", "corridor", "junction")
 SIGN_UP, SIGN_DOWN, CORRIDOR, JUNCTION = range(4)
-SIGNS = ("up", "down")
 LONGEST = 100_000
 REWARD_THRESHOLD = 3.8
 """At least 96 of 100 signs remembered."""
@@ -153,32 +152,13 @@ class TMaze(TabularEnv):
         limit = default_limit(corridor_length) if max_episode_steps is None else max_episode_steps
         return tmaze_pomdp(corridor_length, encoding).task(limit, REWARD_THRESHOLD)
 
-    def view(self) -> View:
-        """What there is to be seen of the present moment."""
-        state, symbol = (int(value) for value in self.kernel_state())
-        corridor = 2 * (self.corridor_length + 1)
-        over = state >= corridor
-        sign, place = divmod(state - corridor, 2) if over else divmod(state, self.corridor_length + 1)
-        return View(
-            corridor_length=self.corridor_length,
-            position=self.corridor_length if over else place,
-            sign=SIGNS[sign],
-            arm=("north", "south")[place] if over else None,
-            sees=SYMBOLS[symbol],
-            inputs=tuple(self.pomdp.features[symbol]),
-            last_action=None if self.last_action is None else ACTIONS[int(self.last_action)],
-            step=self.elapsed_steps,
-            max_steps=self.max_episode_steps,
-            episode_return=self.episode_return,
-        )
-
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""
-        return picture(self.view())
+        return tmaze_drawing.picture(self.moment())
 
     def text(self) -> str:
-        """The moment in four lines of text."""
-        return text(self.view())
+        """The moment in a few lines of text."""
+        return tmaze_drawing.text(self.moment())
 
 
 class TMazeVector(VectorOf):

@@ -4,24 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dpsearch.envs.drawing import (
-    BLUE,
-    FAINT,
-    GREEN,
-    INK,
-    LINE,
-    MINT,
-    ORANGE,
-    RED,
-    ROSE,
-    SAND,
-    WHITE,
-    Canvas,
-    Frame,
-    Point,
-)
+from dpsearch.envs import palette, tabular_drawing
+from dpsearch.envs.drawing import Canvas, Frame, Point
+from dpsearch.envs.scene import WIDTH, Icon, Message, agent, arrow, stage
+from dpsearch.envs.tabular_env import Moment
 
-WIDTH, HEIGHT = 960, 540
 _SLOTS = 13  # cells that fit side by side, a gap counting as one
 _EDGE, _AROUND = 2, 3  # cells shown at either end of a long corridor, and on either side of the agent
 _MIDDLE, _MAZE_WIDTH, _CELL = 262, 840, 76.0  # height of the corridor, most it may be wide, largest cell
@@ -31,32 +18,31 @@ _DIRECTIONS: dict[str, Point] = {"north": _UP, "east": (1.0, 0.0), "south": _DOW
 
 
 @dataclass(frozen=True)
-class View:
-    """All that is drawn.
+class _View:
+    """A moment in words of this task.
 
     Attributes:
+        moment: The moment.
         corridor_length: Position of the junction.
         position: Where the agent is, or was when it left through an arm of the junction.
         sign: "up" or "down".
         arm: The arm that it has left through, "north" or "south"; None while it is in the corridor.
-        sees: Name of what it sees.
-        inputs: The numbers that it receives for that.
-        last_action: Name of the action before, or None.
-        step: Steps so far.
-        max_steps: Steps at which the episode is cut off.
-        episode_return: Sum of rewards so far.
     """
 
+    moment: Moment
     corridor_length: int
     position: int
     sign: str
     arm: str | None
-    sees: str
-    inputs: tuple[float, ...]
-    last_action: str | None
-    step: int
-    max_steps: int
-    episode_return: float
+
+    @classmethod
+    def of(cls, moment: Moment) -> _View:
+        """Reads the state, numbered as ``tmaze_pomdp`` says."""
+        cells = moment.pomdp.n_states // 2 - 2
+        over = moment.state >= 2 * cells
+        sign, place = divmod(moment.state - 2 * cells, 2) if over else divmod(moment.state, cells)
+        arm = ("north", "south")[place] if over else None
+        return cls(moment, cells - 1, cells - 1 if over else place, ("up", "down")[sign], arm)
 
     @property
     def goal(self) -> str:
@@ -66,20 +52,41 @@ class View:
     @property
     def sign_is_shown(self) -> bool:
         """Whether the agent sees the sign right now."""
-        return self.sees.startswith("sign")
+        return self.moment.sees.startswith("sign")
 
-    def message(self) -> tuple[str, str]:
-        """What goes on, in a sentence, and its color."""
+    @property
+    def sign_is_known(self) -> bool:
+        """Whether the spectator may know where the sign points."""
+        return self.sign_is_shown or self.moment.state_shown
+
+    @property
+    def belief(self) -> float | None:
+        """Probability that the sign points up, unless it is not to be shown."""
+        if self.moment.belief is None:
+            return None
+        cells = self.corridor_length + 1
+        return float(self.moment.belief[:cells].sum() + self.moment.belief[2 * cells : 2 * cells + 2].sum())
+
+    def prize(self, arm: str) -> str:
+        """What an arm is worth, as far as the spectator may know."""
+        if not self.sign_is_known:
+            return "?"
+        return "+4" if arm == self.goal else "-0.1"
+
+    def message(self) -> Message:
+        """What goes on."""
+        if self.arm is not None and not self.sign_is_known:
+            return Message(f"The agent turned {self.arm}.")
         if self.arm is not None:
-            outcome, color = ("right, +4", GREEN) if self.arm == self.goal else ("wrong, -0.1", RED)
-            return f"The sign pointed {self.sign}, the agent turned {self.arm}: {outcome}.", color
-        if self.step >= self.max_steps:
-            return "Time is up.", RED
+            outcome, color = ("right, +4", palette.GREEN) if self.arm == self.goal else ("wrong, -0.1", palette.RED)
+            return Message(f"The sign pointed {self.sign}, the agent turned {self.arm}: {outcome}.", color)
+        if self.moment.step >= self.moment.max_steps:
+            return Message("Time is up.", palette.RED)
         if self.sign_is_shown:
-            return f"The road sign points {self.sign}. It is shown only now.", BLUE
+            return Message(f"The road sign points {self.sign}. It is shown only now.", palette.BLUE)
         if self.position == self.corridor_length:
-            return "The junction. Which way did the sign point?", INK
-        return "The sign is out of sight, and must be remembered until the junction.", INK
+            return Message("The junction. Which way did the sign point?")
+        return Message("The sign is out of sight, and must be remembered until the junction.")
 
 
 def visible_cells(corridor_length: int, position: int) -> list[int | None]:
@@ -100,19 +107,29 @@ def visible_cells(corridor_length: int, position: int) -> list[int | None]:
     return [*head, None, *range(position - _AROUND, position + _AROUND + 1), None, *tail]
 
 
-def picture(view: View) -> Frame:
+def picture(moment: Moment) -> Frame:
     """A picture of the moment, ``(HEIGHT, WIDTH, 3)``."""
-    canvas = Canvas(WIDTH, HEIGHT)
-    message, color = view.message()
-    canvas.text((40, 42), "T-maze", 30)
-    canvas.text((158, 45), "Remember the road sign, walk to the junction, turn the way it pointed.", 17, FAINT)
-    canvas.text((40, 88), message, 21, color)
+    view = _View.of(moment)
+    aim = "Remember the road sign, walk to the junction, turn the way it pointed."
+    did = None if moment.last_action is None else arrow(_DIRECTIONS[moment.did])
+    canvas = stage("T-maze", aim, view.message(), tabular_drawing.cards(moment, _bits(moment), did, digits=1))
     _maze(canvas, view)
-    _panel(canvas, view)
     return canvas.frame()
 
 
-def _maze(canvas: Canvas, view: View) -> None:
+def _bits(moment: Moment) -> Icon:
+    """The inputs as black and white squares."""
+    inputs = moment.inputs
+
+    def draw(canvas: Canvas, center: Point) -> None:
+        for k, bit in enumerate(inputs):
+            x, y = center[0] + 17 * (k - (len(inputs) - 1) / 2), center[1]
+            canvas.box((x - 7, y - 7), (x + 7, y + 7), palette.INK if bit else palette.WHITE, palette.INK, 2)
+
+    return Icon(17 * len(inputs) - 1, draw)
+
+
+def _maze(canvas: Canvas, view: _View) -> None:
     cells = visible_cells(view.corridor_length, view.position)
     size = min(_MAZE_WIDTH / len(cells), _CELL)
     left = (WIDTH - size * len(cells)) / 2
@@ -120,68 +137,54 @@ def _maze(canvas: Canvas, view: View) -> None:
     for cell, (x, y) in zip(cells, centers, strict=True):
         if cell is None:
             for dot in (-1, 0, 1):
-                canvas.disc((x + dot * size / 4, y), size / 16, FAINT)
+                canvas.disc((x + dot * size / 4, y), size / 16, palette.FAINT)
             continue
-        _cell(canvas, (x, y), size, SAND)
+        _cell(canvas, (x, y), size, palette.SAND)
         junction = cell == view.corridor_length
         label = (x + size * 0.6, y) if junction else (x, y + size * 0.66)
-        canvas.text(label, str(cell), 13, FAINT, "lm" if junction else "mm")
+        canvas.text(label, str(cell), 13, palette.FAINT, "lm" if junction else "mm")
     x, y = centers[-1]
     arms = {"north": (x, y - size), "south": (x, y + size)}
+    colors = {
+        "+4": (palette.GREEN, palette.MINT),
+        "-0.1": (palette.RED, palette.ROSE),
+        "?": (palette.FAINT, palette.SAND),
+    }
     for arm, center in arms.items():
-        right = arm == view.goal
-        _cell(canvas, center, size, SAND if arm != view.arm else MINT if right else ROSE)
-        canvas.text(center, "+4" if right else "-0.1", round(size / 3.4), GREEN if right else RED, "mm")
+        prize = view.prize(arm)
+        color, entered = colors[prize]
+        _cell(canvas, center, size, entered if arm == view.arm else palette.SAND)
+        canvas.text(center, prize, round(size / 3.4), color, "mm")
     _sign(canvas, view, centers[0], size)
     at = centers[cells.index(view.position)] if view.arm is None else arms[view.arm]
-    _agent(canvas, at, size * 0.3)
+    agent(canvas, at, size * 0.3)
 
 
 def _cell(canvas: Canvas, center: Point, size: float, fill: str) -> None:
     (x, y), half = center, size / 2
-    canvas.box((x - half, y - half), (x + half, y + half), fill, LINE)
+    canvas.box((x - half, y - half), (x + half, y + half), fill, palette.LINE)
 
 
-def _agent(canvas: Canvas, center: Point, radius: float) -> None:
-    canvas.disc(center, radius, ORANGE, WHITE)
-    for side in (-1, 1):
-        canvas.disc((center[0] + side * radius * 0.36, center[1] - radius * 0.15), radius * 0.16, INK)
-
-
-def _sign(canvas: Canvas, view: View, start: Point, size: float) -> None:
+def _sign(canvas: Canvas, view: _View, start: Point, size: float) -> None:
     """A board on a post beside the start; grey once the agent can no longer see it."""
     half = size * 0.36
     x, y = start[0], start[1] - size * 1.1
-    color = BLUE if view.sign_is_shown else LINE
+    color = palette.BLUE if view.sign_is_shown else palette.LINE
     canvas.line((x, y), (x, start[1] - size / 2), color, 5)
     canvas.box((x - half, y - half), (x + half, y + half), color, radius=6)
-    canvas.arrow((x, y), _UP if view.sign == "up" else _DOWN, half * 1.5, WHITE)
+    if view.sign_is_known:
+        canvas.arrow((x, y), _UP if view.sign == "up" else _DOWN, half * 1.5, palette.WHITE)
+    else:
+        canvas.text((x, y), "?", round(half * 1.3), palette.WHITE, "mm")
+    if view.belief is not None:
+        text = f"belief: up {tabular_drawing.percent(view.belief)}"
+        canvas.text((x, y - half - 26), text, 14, palette.BLUE, "mm")
+        tabular_drawing.bar(canvas, (x - 30, y - half - 15), (60, 8), view.belief)
 
 
-def _panel(canvas: Canvas, view: View) -> None:
-    """Four cards below the maze."""
-    top, height, gap = 420, 88, 16
-    width = (WIDTH - 80 - 3 * gap) / 4
-    cards = {
-        "The agent sees": view.sees,
-        "Its last action": view.last_action or "none yet",
-        "Step": f"{view.step} of {view.max_steps}",
-        "Return": f"{view.episode_return:.1f}",
-    }
-    for i, (title, value) in enumerate(cards.items()):
-        x = 40 + i * (width + gap)
-        canvas.box((x, top), (x + width, top + height), WHITE, LINE, 8)
-        canvas.text((x + 16, top + 22), title, 14, FAINT)
-        canvas.text((x + 16, top + 58), value, 20)
-    for k, bit in enumerate(reversed(view.inputs)):
-        x, y = 40 + width - 24 - 17 * k, top + 58
-        canvas.box((x - 7, y - 7), (x + 7, y + 7), INK if bit else WHITE, INK, 2)
-    if view.last_action is not None:
-        canvas.arrow((40 + 2 * width + gap - 34, top + 58), _DIRECTIONS[view.last_action], 34, INK)
-
-
-def text(view: View) -> str:
-    """A sketch of the moment in four lines."""
+def text(moment: Moment) -> str:
+    """A sketch of the moment in four lines, and a fifth for the belief if it is shown."""
+    view = _View.of(moment)
     cells = visible_cells(view.corridor_length, view.position)
     marks = ["..." if cell is None else "." for cell in cells]
     marks[0] = "S"
@@ -189,16 +192,13 @@ def text(view: View) -> str:
         marks[cells.index(view.position)] = "A"
     corridor = " ".join(marks)
     margin = " " * (len(corridor) + 1)
-    north, south = (
-        ("A " if arm == view.arm else "") + ("+4" if arm == view.goal else "-0.1") for arm in ("north", "south")
-    )
-    inputs = " ".join(f"{value:g}" for value in view.inputs)
-    return "\n".join(
-        [
-            f"{margin}{north}",
-            f" {corridor}|  {view.message()[0]}",
-            f"{margin}{south}",
-            f" sign {view.sign}, sees {view.sees} ({inputs}), last action {view.last_action or 'none'}, "
-            f"step {view.step} of {view.max_steps}, return {view.episode_return:.1f}",
-        ]
-    )
+    north, south = (("A " if arm == view.arm else "") + view.prize(arm) for arm in ("north", "south"))
+    lines = [
+        f"{margin}{north}",
+        f" {corridor}|  {view.message().text}",
+        f"{margin}{south}",
+        f" sign {view.sign if view.sign_is_known else '?'}, {tabular_drawing.status(moment, digits=1)}",
+    ]
+    if view.belief is not None:
+        lines.append(f" belief: the sign pointed up {view.belief:.1%}, down {1 - view.belief:.1%}")
+    return "\n".join(lines)

@@ -3,6 +3,7 @@
 from typing import Any
 
 from dpsearch.algos.base import Algorithm, Evaluation
+from dpsearch.algos.lrwr import LRWR, LRWRConfig
 from dpsearch.algos.policy_search import (
     CMAESPolicySearch,
     FEMPolicySearch,
@@ -17,6 +18,7 @@ ALGORITHMS: dict[str, type[Algorithm[Any]]] = {
     algorithm.name: algorithm
     for algorithm in (
         RPG,
+        LRWR,
         NESPolicySearch,
         XNESPolicySearch,
         SNESPolicySearch,
@@ -28,11 +30,13 @@ ALGORITHMS: dict[str, type[Algorithm[Any]]] = {
 
 __all__ = [
     "ALGORITHMS",
+    "LRWR",
     "RPG",
     "Algorithm",
     "CMAESPolicySearch",
     "Evaluation",
     "FEMPolicySearch",
+    "LRWRConfig",
     "NESPolicySearch",
     "PolicySearch",
     "RPGConfig",

@@ -20,8 +20,9 @@ import torch
 from numpy.typing import NDArray
 
 from dpsearch.algos.base import RECENT_EPISODES, Algorithm, Env, Metrics
+from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
-from dpsearch.policies import PolicyConfig, RecurrentPolicy
+from dpsearch.policies import PolicyConfig
 from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts, Search
 
 SEARCH = 5  # purpose of the seed's stream that the search draws from
@@ -62,16 +63,16 @@ class PolicySearchConfig:
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field if a value is out of range."""
-        accepted = {
-            "sigma0": (0.0 < self.sigma0 < np.inf, "positive and finite"),
-            "start_std": (0.0 <= self.start_std < np.inf, "0 or more"),
-            "episodes_per_fitness": (self.episodes_per_fitness >= 1, "at least 1"),
-            "tolx": (0.0 <= self.tolx < np.inf, "0 or more"),
-            "choice": (self.choice in CHOICES, f"one of {', '.join(CHOICES)}"),
-        }
-        for name, (fits, what) in accepted.items():
-            if not fits:
-                raise ValueError(f"{name} must be {what}, got {getattr(self, name)!r}")
+        require(
+            self,
+            {
+                "sigma0": (0.0 < self.sigma0 < np.inf, "positive and finite"),
+                "start_std": (0.0 <= self.start_std < np.inf, "0 or more"),
+                "episodes_per_fitness": (self.episodes_per_fitness >= 1, "at least 1"),
+                "tolx": (0.0 <= self.tolx < np.inf, "0 or more"),
+                "choice": (self.choice in CHOICES, f"one of {', '.join(CHOICES)}"),
+            },
+        )
 
     def search_options(self) -> dict[str, Any]:
         """The settings that are the search's own."""
@@ -93,28 +94,8 @@ class PolicySearch(Algorithm[ConfigT]):
     default_policy = PolicyConfig(hidden_size=2, bias=False)
     search_type: ClassVar[type[Search]]
 
-    def __init__(
-        self,
-        env: Env,
-        config: ConfigT | None = None,
-        *,
-        policy: PolicyConfig | RecurrentPolicy | None = None,
-        seed: int = 0,
-        threads: int = 1,
-        env_kwargs: dict[str, Any] | None = None,
-        max_episode_steps: int | None = None,
-        **overrides: Any,
-    ) -> None:
-        super().__init__(
-            env,
-            config,
-            policy=policy,
-            seed=seed,
-            threads=threads,
-            env_kwargs=env_kwargs,
-            max_episode_steps=max_episode_steps,
-            **overrides,
-        )
+    def __init__(self, env: Env, config: ConfigT | None = None, **options: Any) -> None:
+        super().__init__(env, config, **options)
         self.search = self._make_search()
         kernel = getattr(self.rollouts, "kernel", None)
         self._all_equal = kernel is not None and kernel.draws == 0 and self.policy.head.draws == 0  # nothing is random

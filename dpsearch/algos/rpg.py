@@ -16,20 +16,14 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 import torch
 
 from dpsearch.algos.base import Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
-from dpsearch.policies import PolicyConfig, RecurrentPolicy
+from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
+from dpsearch.algos.settings import require
 from dpsearch.rollout import Episodes
-
-OPTIMIZERS = sorted(
-    name
-    for name, kind in vars(torch.optim).items()
-    if isinstance(kind, type) and issubclass(kind, torch.optim.Optimizer)
-    # the first is the base class, the others need a closure, sparse gradients, or matrices
-    if name not in ("Optimizer", "LBFGS", "SparseAdam", "Muon")
-)
 
 
 @dataclass
@@ -52,6 +46,11 @@ class RPGConfig:
         batch_steps: If given, a batch has as many episodes as it takes to play about this many environment steps,
             judged by the mean length in the batch before (``batch_size`` is the least, 64 times that the most), so
             that the long episodes of an unskilled policy do not use up the time.
+        normalise_advantages: Divide R_t - b by its standard deviation over the batch, so that ``entropy_bonus`` means
+            the same on every task.
+        entropy_bonus: Weight of the policy's entropy, summed over an episode's steps, beside its return: keeps a policy
+            from settling before it has tried enough.
+        entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
         variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
             finite as sigma goes to 0.
     """
@@ -66,27 +65,29 @@ class RPGConfig:
     baseline_episodes: int = 100
     baseline_weight: float = 0.1
     batch_steps: int | None = None
+    normalise_advantages: bool = False
+    entropy_bonus: float = 0.0
+    entropy_halflife: float | None = None
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field if a value is out of range."""
-        accepted = {
-            "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 1, "a whole number, at least 1"),
-            "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
-            "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
-            "gradient_length": (
-                self.gradient_length is None or self.gradient_length > 0.0,
-                "positive or null",
-            ),
-            "baseline": (self.baseline in ("constant", "shared"), "'constant' or 'shared'"),
-            "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
-            "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
-            "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
-            "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
-        }
-        for name, (fits, what) in accepted.items():
-            if not fits:
-                raise ValueError(f"{name} must be {what}, got {getattr(self, name)!r}")
+        require(
+            self,
+            {
+                "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 1, "a whole number, at least 1"),
+                "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
+                "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
+                "gradient_length": (self.gradient_length is None or self.gradient_length > 0.0, "positive or null"),
+                "baseline": (self.baseline in ("constant", "shared"), "'constant' or 'shared'"),
+                "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
+                "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
+                "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
+                "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
+                "entropy_halflife": (self.entropy_halflife is None or self.entropy_halflife > 0.0, "positive or null"),
+                "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
+            },
+        )
 
 
 class RPG(Algorithm[RPGConfig]):
@@ -95,28 +96,8 @@ class RPG(Algorithm[RPGConfig]):
     name = "rpg"
     config_type = RPGConfig
 
-    def __init__(
-        self,
-        env: Env,
-        config: RPGConfig | None = None,
-        *,
-        policy: PolicyConfig | RecurrentPolicy | None = None,
-        seed: int = 0,
-        threads: int = 1,
-        env_kwargs: dict[str, Any] | None = None,
-        max_episode_steps: int | None = None,
-        **overrides: Any,
-    ) -> None:
-        super().__init__(
-            env,
-            config,
-            policy=policy,
-            seed=seed,
-            threads=threads,
-            env_kwargs=env_kwargs,
-            max_episode_steps=max_episode_steps,
-            **overrides,
-        )
+    def __init__(self, env: Env, config: RPGConfig | None = None, **options: Any) -> None:
+        super().__init__(env, config, **options)
         if self.config.variance_scaled:
             head = self.policy.head  # refused now, not when it learns
             head.scaled_eligibilities(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size), torch.ones(1))
@@ -126,9 +107,8 @@ class RPG(Algorithm[RPGConfig]):
             else SharedBaseline(self.policy.hidden_size, self.config.baseline_weight)
         )
         self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
-        make_optimizer = getattr(torch.optim, self.config.optimizer)
-        self.optimizer: torch.optim.Optimizer = make_optimizer(
-            self.parameters, lr=self.config.learning_rate, **self.config.optimizer_options
+        self.optimizer = make_optimizer(
+            self.config.optimizer, self.parameters, self.config.learning_rate, self.config.optimizer_options
         )
         self.batch_size = self.config.batch_size
 
@@ -165,12 +145,22 @@ class RPG(Algorithm[RPGConfig]):
         features, _ = self.policy.remember(torch.from_numpy(episodes.observations))  # (T, N, H), one fused call
         outputs = self.policy.readout(features)  # (T, N, K)
         baseline, loss = self.baseline(features, returns, mask)
-        weights = (returns - baseline) * mask / -len(episodes)  # minus, as optimisers descend; (T, N)
+        advantages = (returns - baseline) * mask  # (T, N)
+        if config.normalise_advantages:
+            scale = max(float(advantages[mask].std()), 1e-8)
+            advantages /= scale
+            loss = None if loss is None else loss / scale**2
+        weights = advantages / -len(episodes)  # minus, as optimisers descend
+        bonus = None
+        if config.entropy_bonus > 0.0:
+            halvings = 0.0 if config.entropy_halflife is None else self.updates / config.entropy_halflife
+            strength = config.entropy_bonus * 0.5**halvings / -len(episodes)
+            bonus = torch.from_numpy(mask * np.float32(strength))
         seen = outputs.detach()
         if not mask.all():  # what the policy would do on padding must not matter
             seen = torch.where(torch.from_numpy(mask)[..., None], seen, 0.0)
         eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
-        eligibilities, entropy = eligible(seen, torch.from_numpy(episodes.actions), torch.from_numpy(weights))
+        eligibilities, entropy = eligible(seen, torch.from_numpy(episodes.actions), torch.from_numpy(weights), bonus)
         if loss is None:
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:

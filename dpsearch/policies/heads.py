@@ -50,28 +50,45 @@ class Head(ABC):
     def mode(self, outputs: Tensor) -> Tensor:
         """The most probable actions ``(..., action_size)``: what the greedy policy does."""
 
-    def eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    def eligibilities(
+        self, outputs: Tensor, actions: Tensor, weights: Tensor, bonus: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """What each output has to do with the actions taken, and the entropy, which mostly comes for free.
 
         Args:
             outputs: ``(..., n_outputs)``.
             actions: ``(..., action_size)``.
             weights: ``(...)``, that each step's eligibilities are multiplied by.
+            bonus: ``(...)``, by which the derivatives of the entropy are multiplied and then added; None for none.
 
         Returns:
             The derivatives of log pi(a|h) by the outputs, weighted, ``(..., n_outputs)``, and the entropy ``(...)``.
         """
         outputs = outputs.detach().requires_grad_()
-        (eligibilities,) = torch.autograd.grad(self.log_prob(outputs, actions), outputs, weights)
-        return eligibilities, self.entropy(outputs.detach())
+        entropy = self.entropy(outputs)
+        gain = (self.log_prob(outputs, actions) * weights).sum()
+        if bonus is not None:
+            gain = gain + (entropy * bonus).sum()
+        (eligibilities,) = torch.autograd.grad(gain, outputs)
+        return eligibilities, entropy.detach()
 
-    def scaled_eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    def scaled_eligibilities(
+        self, outputs: Tensor, actions: Tensor, weights: Tensor, bonus: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """The same times the variance sigma^2 of each dimension (Williams 1992): finite as sigma goes to 0.
 
         Raises:
             TypeError: If the distribution is not Gaussian.
         """
         raise TypeError(f"variance_scaled needs a Gaussian policy, this one's head is {type(self).__name__}")
+
+    def squared_error(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        """Squared distance ``(...)`` of the probabilities from those of who takes these actions for certain.
+
+        Raises:
+            TypeError: If actions are not discrete.
+        """
+        raise TypeError(f"a squared error needs discrete actions, this policy's head is {type(self).__name__}")
 
 
 class Categorical(Head):
@@ -106,15 +123,27 @@ class Categorical(Head):
         return -torch.stack([(log_p.exp() * log_p).sum(0) for log_p in self._log_softmax(outputs)]).sum(0)
 
     @override
-    def eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    def squared_error(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        chosen = actions.movedim(-1, 0).long()
+        errors = []
+        for i, log_p in enumerate(self._log_softmax(outputs)):
+            p = log_p.exp()
+            errors.append(p.square().sum(0) - 2.0 * p.gather(0, chosen[i : i + 1]).squeeze(0) + 1.0)
+        return torch.stack(errors).sum(0)
+
+    @override
+    def eligibilities(
+        self, outputs: Tensor, actions: Tensor, weights: Tensor, bonus: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         if outputs.dtype != torch.float32:
-            return super().eligibilities(outputs, actions, weights)
+            return super().eligibilities(outputs, actions, weights, bonus)
         eligibilities, entropy = outputs.new_empty(self.n_outputs, *weights.shape), outputs.new_empty(weights.shape)
         softmax_eligibilities(
             self._sizes,
             outputs.detach().contiguous().view(-1, self.n_outputs).numpy(),
             actions.float().contiguous().view(-1, self.action_size).numpy(),
             weights.float().contiguous().view(-1).numpy(),
+            (weights.new_empty(0) if bonus is None else bonus).float().contiguous().view(-1).numpy(),
             eligibilities.view(self.n_outputs, -1).numpy(),
             entropy.view(-1).numpy(),
         )
@@ -161,11 +190,16 @@ class Gaussian(Head):
         return (-0.5 * ((actions - mean) / std) ** 2 - log_std - LOG_SQRT_2PI).sum(-1)
 
     @override
-    def scaled_eligibilities(self, outputs: Tensor, actions: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    def scaled_eligibilities(
+        self, outputs: Tensor, actions: Tensor, weights: Tensor, bonus: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         mean, std = self._mean_and_std(outputs.detach())
         of_mean = actions - mean
         of_raw_std = (of_mean.square() - std.square()) * (1.0 - std)  # 1 - std: from the slope of the sigmoid
-        return torch.cat((of_mean, of_raw_std), -1) * weights[..., None], self.entropy(outputs.detach())
+        eligibilities = torch.cat((of_mean, of_raw_std), -1) * weights[..., None]
+        if bonus is not None:
+            eligibilities[..., self.size :] += std.square() * (1.0 - std) * bonus[..., None]
+        return eligibilities, self.entropy(outputs.detach())
 
     @override
     def entropy(self, outputs: Tensor) -> Tensor:

@@ -12,7 +12,8 @@ import dpsearch.envs
 from dpsearch.envs import KernelVectorEnv
 
 ROOT = Path(dpsearch.envs.__file__).parent.parent
-NAMES = ["TMaze", "SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"]
+NAMES = ["TMaze", "Tiger", "ShuttleDocking", "Maze4x3", "CheeseMaze", "Maze89"]
+NAMES += ["SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"]
 IDS = [f"dpsearch.envs:dpsearch/{name}-v0" for name in NAMES]
 
 

@@ -10,9 +10,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
-from dpsearch.envs import TabularPOMDP, TMaze
-from dpsearch.envs.tmaze import EAST, ENCODINGS, NORTH, SOUTH, TMazeVector, tmaze_pomdp
+from dpsearch.envs import TMaze
+from dpsearch.envs.tmaze import EAST, ENCODINGS, JUNCTION, NORTH, SIGN_UP, SOUTH, TMazeVector, tmaze_pomdp
 from dpsearch.envs.tmaze_drawing import visible_cells
+from tests.envs.exact import machine, memoryless, play
 
 ID = "dpsearch.envs:dpsearch/TMaze-v0"
 BITS = {"up": [0, 1, 1], "down": [1, 1, 0], "corridor": [1, 0, 1], "junction": [0, 1, 0]}
@@ -97,53 +98,37 @@ def test_remembering_the_sign_earns_4_in_n_plus_1_steps(n: int, sign: str) -> No
     assert [step[2] for step in steps] == [False] * n + [True]
 
 
-def exact(pomdp: TabularPOMDP, policy: NDArray[np.float64], limit: int) -> tuple[float, float]:
-    """Expected return and steps of a policy (symbol, action) without memory, by propagating the states."""
-    moves = np.stack([pomdp.transition_matrix(a) for a in range(pomdp.n_actions)])
-    seen = np.stack([pomdp.observation_matrix(a) for a in range(pomdp.n_actions)])
-    rewards = pomdp.expected_rewards()
-    joint = pomdp.start_distribution()[:, None] * pomdp.first_observation_matrix()  # (state, symbol)
-    total = steps = 0.0
-    for _ in range(limit):
-        alive = joint * ~pomdp.terminal[:, None]
-        acting = alive @ policy  # (state, action)
-        total += (acting * rewards).sum()
-        steps += acting.sum()
-        arriving = np.einsum("sa,ast->at", acting, moves)
-        joint = np.einsum("at,atz->tz", arriving, seen)
-    return total, steps
-
-
 @pytest.mark.parametrize(
-    ("n", "mean_return", "steps"),
-    [(3, 0.05, 32.00), (5, -2.15, 72.00), (7, -5.14970, 127.99152), (10, -11.08410, 240.48076)],
+    ("n", "printed"),
+    [
+        (3, "4.00000 1.00000 1.00000 3.76477 4"),
+        (5, "4.00000 0.66667 0.66667 3.61568 6"),
+        (7, "4.00000 0.50000 0.50000 3.47250 8"),
+        (10, "4.00000 0.36364 0.36364 3.26829 11"),
+    ],
 )
-def test_the_exact_return_of_a_random_policy_is_the_known_one(n: int, mean_return: float, steps: float) -> None:
-    result = exact(tmaze_pomdp(n), np.full((4, 4), 0.25), TMaze(n).max_episode_steps)
-    assert result == pytest.approx((mean_return, steps), abs=6e-6)
+def test_one_bit_of_memory_is_enough_for_the_optimum(n: int, printed: str) -> None:
+    def act(memory: tuple[int, int]) -> int:
+        sign, symbol = memory
+        return EAST if symbol != JUNCTION else NORTH if sign == SIGN_UP else SOUTH
+
+    pomdp = tmaze_pomdp(n)
+    optimum = machine(pomdp, lambda symbol: (symbol, symbol), act, lambda memory, symbol: (memory[0], symbol))
+    play(pomdp, optimum, 1000).require(printed)
 
 
 def test_no_policy_without_memory_gets_more_than_1_95() -> None:
     """All 256 deterministic ones, and some others: the junction looks the same after either sign."""
     pomdp, random = tmaze_pomdp(3), np.random.default_rng(0)
-    returns = [exact(pomdp, np.eye(4)[list(policy)], 60)[0] for policy in itertools.product(range(4), repeat=4)]
+
+    def earns(policy: NDArray[np.float64], limit: int) -> float:
+        return play(pomdp, memoryless(policy), limit).mean_return
+
+    returns = [earns(np.eye(4)[list(policy)], 60) for policy in itertools.product(range(4), repeat=4)]
     assert max(returns) == pytest.approx(1.95)
     near = np.array([[0, 1, 0, 0]] * 3 + [[0.5, 0, 0.5, 0]]) * 20 + 0.1
-    others = [exact(pomdp, np.stack([random.dirichlet(row) for row in near]), 1000)[0] for _ in range(50)]
+    others = [earns(np.stack([random.dirichlet(row) for row in near]), 1000) for _ in range(50)]
     assert 1.5 < max(others) < 1.95
-
-
-def test_playing_at_random_earns_what_is_expected() -> None:
-    n = 4000
-    vector = gym.make_vec(ID, num_envs=n, corridor_length=3, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP)
-    vector.reset(seed=0)
-    random, total, alive = np.random.default_rng(0), np.zeros(n), np.ones(n, np.bool_)
-    for _ in range(1000):
-        _, rewards, terminated, truncated, _ = vector.step(random.integers(4, size=n))
-        total += rewards * alive
-        alive &= ~(terminated | truncated)
-    assert not alive.any()
-    assert abs(total.mean() - 0.05) < 4 * total.std() / np.sqrt(n)
 
 
 def test_a_corridor_of_a_hundred_thousand_can_be_walked() -> None:

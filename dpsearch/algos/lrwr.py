@@ -1,0 +1,179 @@
+"""LRWR, episodic logistic reward-weighted regression: chapter 6 of the thesis (algorithm 6.1).
+
+Reinforcement learning by imitation: the policy plays a batch of episodes, and is then trained, by supervised learning,
+to do again what it did, the more so the better it went.
+
+    E-step    u_i    =  exp(tau (R_i - max R))                          utility of episode i           (6.2)
+    M-step    theta  =  argmax  sum_i u_i sum_t log pi(a_t | h_t)       until it generalises no more   (6.3, 6.2.4)
+              tau    =  sum_i u_i / sum_i u_i (R_i - min R)                                            (6.4)
+
+The one thing to understand: the weights say which episodes to imitate, and are never negative. What the policy did is
+its only teacher, so an action that was not tried in a batch cannot be learned from it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from typing_extensions import override
+
+from dpsearch.algos.base import Algorithm, Env, Metrics
+from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
+from dpsearch.algos.settings import require
+from dpsearch.policies import PolicyConfig
+from dpsearch.rollout import Episodes
+
+UTILITIES = ("exponential", "rank")
+LOSSES = ("likelihood", "squared")
+
+
+@dataclass
+class LRWRConfig:
+    """How LRWR learns. The defaults are the thesis's (section 6.3.6).
+
+    Attributes:
+        batch_size: Episodes N of one EM step, at least 2 (thesis: 30, and 75 on CheeseMaze and T-maze).
+        gamma: Discount factor of the returns, in (0, 1].
+        utility: ``"exponential"``: u = exp(tau R), scaled so that the best of a batch weighs 1. ``"rank"``: the better
+            half of a batch weighs from 0 to 1 by rank, whatever the size of the returns.
+        tau: How steeply exponential utility rises at first, per unit of return.
+        adapt_tau: Adapt it after each EM step, equation 6.4.
+        loss: ``"likelihood"``: weighted log-likelihood, what section 6.2.4 derives. ``"squared"``: squared error of the
+            probabilities, as algorithm 6.1 approximates it.
+        held_out: Part of a batch that is not trained on but says when to stop, in [0, 1); 0 trains ``max_epochs``.
+        patience: Epochs without improvement on the held-out episodes after which training ends; the best weights so
+            far are then kept.
+        max_epochs: Most epochs in one EM step. An epoch is one step along the gradient of the whole batch.
+        optimizer: Name of a class in ``torch.optim``; it begins anew in each EM step.
+        learning_rate: Its step size, for the loss summed over an episode's steps and averaged over episodes by weight.
+        optimizer_options: Its other arguments.
+    """
+
+    batch_size: int = 30
+    gamma: float = 0.98
+    utility: str = "exponential"
+    tau: float = 1.0
+    adapt_tau: bool = True
+    loss: str = "likelihood"
+    held_out: float = 1.0 / 3.0
+    patience: int = 5
+    max_epochs: int = 100
+    optimizer: str = "SGD"
+    learning_rate: float = 0.002
+    optimizer_options: dict[str, Any] = field(default_factory=lambda: {"momentum": 0.95})
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the field if a value is out of range."""
+        require(
+            self,
+            {
+                "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 2, "a whole number, at least 2"),
+                "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
+                "utility": (self.utility in UTILITIES, f"one of {', '.join(UTILITIES)}"),
+                "tau": (0.0 < self.tau < math.inf, "positive and finite"),
+                "loss": (self.loss in LOSSES, f"one of {', '.join(LOSSES)}"),
+                "held_out": (0.0 <= self.held_out < 1.0, "in [0, 1)"),
+                "patience": (self.patience >= 1, "at least 1"),
+                "max_epochs": (self.max_epochs >= 1, "at least 1"),
+                "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
+                "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
+            },
+        )
+
+
+class LRWR(Algorithm[LRWRConfig]):
+    """Episodic logistic reward-weighted regression; see ``Algorithm`` for the arguments.
+
+    Attributes:
+        tau: How steeply utility rises now.
+    """
+
+    name = "lrwr"
+    config_type = LRWRConfig
+    default_policy = PolicyConfig(hidden_size=2, init_range=0.1)
+
+    def __init__(self, env: Env, config: LRWRConfig | None = None, **options: Any) -> None:
+        super().__init__(env, config, **options)
+        self.tau = self.config.tau
+        self.parameters = self.policy.free_parameters()
+
+    def update(self) -> Metrics:
+        """One EM step: play a batch, imitate its best episodes, adapt tau (algorithm 6.1)."""
+        start = perf_counter()
+        episodes = self.play_batch(self.config.batch_size)
+        sampled = perf_counter()
+        returns = episodes.returns_to_go(self.config.gamma)[0].astype(np.float64)  # R_i at t = 0, (N,)
+        utilities = self.utilities(returns)  # (N,)
+        epochs = self.imitate(episodes, utilities)
+        gain = returns - returns.min()  # so that tau stays positive when returns are negative
+        if self.config.adapt_tau and (utilities * gain).sum() > 0.0:
+            self.tau = float(utilities.sum() / (utilities * gain).sum())  # (6.4)
+        self.updates += 1
+        return {
+            "return": float(episodes.returns.mean()),
+            "episode_length": episodes.steps / len(episodes),
+            "tau": self.tau,
+            "effective_episodes": float(utilities.sum() ** 2 / np.square(utilities).sum()),
+            "epochs": epochs,
+            "time/sample": sampled - start,
+            "time/imitate": perf_counter() - sampled,
+        }
+
+    def utilities(self, returns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How much each episode counts, by its return ``(N,)``: in [0, 1], the best one 1 (equation 6.2)."""
+        if self.config.utility == "exponential":
+            weights: NDArray[np.float64] = np.exp(self.tau * (returns - returns.max()))
+            return weights
+        ranks = np.searchsorted(np.sort(returns), returns, side="right") / len(returns)  # equals share the best rank
+        return np.maximum(2.0 * ranks - 1.0, 0.0)
+
+    def imitate(self, episodes: Episodes, utilities: NDArray[np.float64]) -> int:
+        """Train the policy to do what it did, weighted, until it generalises no more (6.2.4); returns the epochs."""
+        config = self.config
+        observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
+        n_held = round(config.held_out * len(episodes))  # episodes are alike in distribution: the last ones will do
+        held = np.arange(len(episodes)) >= len(episodes) - n_held
+        weights = torch.from_numpy((utilities * episodes.mask).astype(np.float32))  # (T, N)
+        train = weights[:, ~held]
+        optimizer = make_optimizer(config.optimizer, self.parameters, config.learning_rate, config.optimizer_options)
+        best, best_loss, since = self.policy.vector(), math.inf, 0
+        for epoch in range(config.max_epochs):
+            outputs, _ = self.policy(observations)  # (T, N, K)
+            if n_held:
+                loss = float((self._losses(outputs[:, held].detach(), actions[:, held]) * weights[:, held]).sum())
+                if loss < best_loss:
+                    best, best_loss, since = self.policy.vector(), loss, 0
+                else:
+                    since += 1
+                if since >= config.patience:
+                    self.policy.load_vector(best)
+                    return epoch
+            optimizer.zero_grad()
+            (self._losses(outputs[:, ~held], actions[:, ~held]) * train).sum().backward()
+            optimizer.step()
+        return config.max_epochs
+
+    def _losses(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        """How far the policy is from doing what was done, ``(T, N)``."""
+        head = self.policy.head
+        return (
+            -head.log_prob(outputs, actions)
+            if self.config.loss == "likelihood"
+            else head.squared_error(outputs, actions)
+        )
+
+    @override
+    def state_dict(self) -> dict[str, Any]:
+        return {**super().state_dict(), "tau": self.tau}
+
+    @override
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        super().load_state_dict(state)
+        self.tau = state["tau"]
