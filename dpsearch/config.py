@@ -60,6 +60,7 @@ class TMazeConfig(EnvConfig):
 
     corridor_length: int = MISSING
     encoding: str = MISSING
+    wrong_turn_reward: float = MISSING
 
 
 @dataclass
@@ -250,7 +251,7 @@ def register() -> None:
 
 def _pomdp_file(*, _parent_: DictConfig) -> str:
     """Absolute path of the file that ``path`` names; nothing if it names none, which is then said of ``path``."""
-    return "" if OmegaConf.is_missing(_parent_, "path") else str(Path(_parent_.path).expanduser().absolute())
+    return "" if OmegaConf.is_missing(_parent_, "path") else str(Path(_parent_.path).absolute())
 
 
 def _pomdp_discount(*, _parent_: DictConfig) -> float:

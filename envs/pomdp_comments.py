@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -135,7 +136,7 @@ class Comments:
         return numbers
 
 
-def comment_lines(key: str, items: list[Any]) -> list[str]:
+def comment_lines(key: str, items: Sequence[Any]) -> list[str]:
     """The lines that list some items under a key."""
     parts = [items[first : first + _ITEMS] for first in range(0, len(items), _ITEMS)] or [[]]
     return [f"{MARK} {key} {json.dumps(part)}" for part in parts]

@@ -12,6 +12,7 @@ from dpsearch.envs.pomdp_tokens import ALL, HEADERS, STATEMENTS, Names, Source, 
 
 MOST_ROWS = 2_000_000  # states times actions
 MOST_OBSERVATIONS = 100_000
+MOST_INPUTS = 4096  # of a policy that has one for each observation
 ROUNDING = 1e-5  # how far a sum of probabilities that were written with few digits may be off
 EXACT = 1e-6  # sums that are closer to 1 are left as they are: TabularPOMDP accepts them
 

@@ -24,15 +24,12 @@ from numpy.typing import NDArray
 from dpsearch.envs.distributions import Distributions, by_row, row_starts
 from dpsearch.envs.pomdp_comments import NAME_KEYS, POOL_KEYS, Comments
 from dpsearch.envs.pomdp_pool import certain, disagreement, joined, rows_of, shared, unseen_name
-from dpsearch.envs.pomdp_preamble import Outline
+from dpsearch.envs.pomdp_preamble import MOST_INPUTS, Outline
 from dpsearch.envs.pomdp_split import Moves, rewarded, with_certain_rows, with_copies
 from dpsearch.envs.pomdp_statements import Statements, parse
 from dpsearch.envs.pomdp_tables import RewardTable, Table
 from dpsearch.envs.pomdp_tokens import PomdpFileError, Source
 from dpsearch.envs.tabular import TabularPOMDP
-
-MOST_INPUTS = 4096
-"""Limit of the number of symbols that are turned into one input each."""
 
 
 def read_pomdp_file(path: str | os.PathLike[str]) -> TabularPOMDP:
@@ -221,7 +218,7 @@ class _Model:
         if "features" not in self.comments:
             return np.eye(count, self.symbols.count)
         features = self.comments.floats("features")
-        if features.ndim != 2 or len(features) != count:
+        if features.ndim != 2 or len(features) != count or not features.size:
             raise self.comments.error("features", f"must list {count} rows of numbers")
         return features
 

@@ -16,9 +16,9 @@ from typing import TypeVar
 import numpy as np
 
 from dpsearch.envs.distributions import Distributions
-from dpsearch.envs.pomdp_comments import NAME_KEYS, comment_lines
+from dpsearch.envs.pomdp_comments import NAME_KEYS, POOL_KEYS, comment_lines
 from dpsearch.envs.pomdp_pool import certain, joined, rows_of, shared, summed, unseen_name
-from dpsearch.envs.pomdp_preamble import MOST_OBSERVATIONS, MOST_ROWS
+from dpsearch.envs.pomdp_preamble import MOST_INPUTS, MOST_OBSERVATIONS, MOST_ROWS
 from dpsearch.envs.pomdp_tables import MOST_ENTRIES
 from dpsearch.envs.pomdp_tokens import KEYWORDS
 from dpsearch.envs.tabular import TabularPOMDP
@@ -41,7 +41,7 @@ def write_pomdp_file(model: TabularPOMDP, path: str | os.PathLike[str]) -> None:
         path: Where to; a file that is there already is replaced.
 
     Raises:
-        ValueError: If the model is larger than what can be read.
+        ValueError: If the model is larger than what can be read, or the policy would receive nothing at all.
         OSError: If the file cannot be written.
     """
     for size, most, what in (
@@ -56,6 +56,8 @@ def write_pomdp_file(model: TabularPOMDP, path: str | os.PathLike[str]) -> None:
     ):
         if size > most:
             raise ValueError(f"the model has {size:,} {what}: a .POMDP file may have {most:,}")
+    if not model.features.size:
+        raise ValueError("the model's features are empty: every symbol must have at least one")
     text = "\n".join(_Writer(model).lines()) + "\n"
     Path(path).write_text(text, encoding="ascii")
 
@@ -80,66 +82,31 @@ class _Writer:
         self.model = model
         self.nothing_at_start = _sees_nothing_at_the_start(model)
         self.n_symbols = model.n_symbols - self.nothing_at_start  # that the file knows of
-        own = (model.state_names, model.action_names, model.observation_names[: self.n_symbols])
+        self.names = (model.state_names, model.action_names, model.observation_names[: self.n_symbols])
         counts = (model.n_states, model.n_actions, self.n_symbols)
-        self.comments: list[str] = []
-        words = []
-        for key, names, count in zip(NAME_KEYS, own, counts, strict=True):
-            words.append(_words(names) if names else [str(number) for number in range(count)])
-            if names and tuple(words[-1]) != names:
-                self.comments += comment_lines(key, list(names))
-        self.named = [bool(names) for names in own]
-        self.states, self.actions, self.symbols = words
-        pool = summed(model.observations)
-        starts = pool.starts.tolist()
-        pairs = list(zip(pool.columns.tolist(), pool.probabilities.tolist(), strict=True))
-        self._pool = [pairs[starts[row] : starts[row + 1]] for row in range(pool.n_rows)]
+        self.words = [
+            _words(names) if names else [str(number) for number in range(count)]
+            for names, count in zip(self.names, counts, strict=True)
+        ]
+        self.states, self.actions, self.symbols = self.words
+        self.pool = _pairs(summed(model.observations))
+        self.rows: list[list[_Row]] = []  # [state][action]
+        self.repeating: list[object] = []  # the rows that name a next state several times, for a comment
+        self._sort_out_rows()
 
-    def lines(self) -> Iterator[str]:
-        model = self.model
-        yield from (_HEAD, "", f"discount: {float(model.discount)!r}", "values: reward")
-        counts = (model.n_states, model.n_actions, self.n_symbols)
-        for what, words, named, count in zip(
-            ("states", "actions", "observations"),
-            (self.states, self.actions, self.symbols),
-            self.named,
-            counts,
-            strict=True,
-        ):
-            yield from _wrapped(f"{what}:", words) if named else (f"{what}: {count}",)
-        rows = self._rows()  # adds to the comments
-        self._comment_on_observations()
-        self._comment_on_the_rest(rows)
-        yield from ("", *self.comments) if self.comments else ()
-        yield ""
-        yield from self._start()
-        yield ""
-        for state, of_state in enumerate(rows):
-            yield from self._transitions(state, of_state)
-        yield ""
-        for state, used in enumerate(model.observation_row.tolist()):
-            yield from self._seen(state, used)
-        yield ""
-        for state, of_state in enumerate(rows):
-            yield from self._rewards(state, of_state)
-
-    # What each row is
-
-    def _rows(self) -> list[list[_Row]]:
-        """All rows ``[state][action]``, those that name a next state several times as well as T and R can say it."""
+    def _sort_out_rows(self) -> None:
         model = self.model
         starts = model.transitions.starts.tolist()
         columns, probabilities = model.transitions.columns.tolist(), model.transitions.probabilities.tolist()
         rewards = model.rewards.tolist()
         rows: list[_Row] = []
-        repeating: list[object] = []
         for number in range(len(starts) - 1):
             part = slice(starts[number], starts[number + 1])
             own, likely, paid = columns[part], probabilities[part], rewards[part]
             total, mean = dict(zip(own, likely, strict=True)), dict(zip(own, paid, strict=True))
             if len(total) < len(own):
                 entries = list(zip(own, likely, paid, strict=True))
-                repeating.append([*divmod(number, model.n_actions), [list(entry) for entry in entries]])
+                self.repeating.append([*divmod(number, model.n_actions), entries])
                 total, mean = dict.fromkeys(own, 0.0), dict.fromkeys(own, 0.0)
                 for column, probability, reward in entries:
                     total[column] += probability
@@ -148,41 +115,54 @@ class _Writer:
             some = next(iter(mean.values()))
             general = some if all(reward == some for reward in mean.values()) else 0.0
             rows.append(_Row(total, {c: r for c, r in mean.items() if r != general}, general))
-        if repeating:
-            self.comments += comment_lines("transitions", repeating)
-        return [rows[first : first + model.n_actions] for first in range(0, len(rows), model.n_actions)]
+        self.rows = [rows[first : first + model.n_actions] for first in range(0, len(rows), model.n_actions)]
 
-    # What the format cannot say
+    def lines(self) -> Iterator[str]:
+        model = self.model
+        yield from (_HEAD, "", f"discount: {float(model.discount)!r}", "values: reward")
+        for what, words, names in zip(("states:", "actions:", "observations:"), self.words, self.names, strict=True):
+            yield from _wrapped(what, words if names else [str(len(words))])
+        comments = list(self._comments())
+        yield from ("", *comments) if comments else ()
+        yield ""
+        yield from self._start()
+        yield ""
+        for state, rows in enumerate(self.rows):
+            yield from self._transitions(state, rows)
+        yield ""
+        for state, used in enumerate(model.observation_row.tolist()):
+            yield from self._seen(state, used)
+        yield ""
+        for state, rows in enumerate(self.rows):
+            yield from self._rewards(state, rows)
 
-    def _comment_on_observations(self) -> None:
-        model, pool = self.model, self.model.observations
-        if self.nothing_at_start:
-            return
-        starts, pairs = pool.starts.tolist(), zip(pool.columns.tolist(), pool.probabilities.tolist(), strict=True)
-        entries = [list(pair) for pair in pairs]
-        rows = [entries[starts[row] : starts[row + 1]] for row in range(pool.n_rows)]
-        self.comments += comment_lines("observation_pool", rows)
-        used = model.observation_row
-        same = (used == used[:, :1]).all()
-        self.comments += comment_lines("observation_row", (used[:, 0] if same else used).tolist())
-        self.comments += comment_lines("first_observation_row", model.first_observation_row.tolist())
-
-    def _comment_on_the_rest(self, rows: list[list[_Row]]) -> None:
+    def _comments(self) -> Iterator[str]:
+        """What the format cannot say, where a reader would assume something else."""
         model, start = self.model, self.model.start
+        for key, words, names in zip(NAME_KEYS, self.words, self.names, strict=True):
+            if names and list(names) != words:
+                yield from comment_lines(key, list(names))
+        if self.repeating:
+            yield from comment_lines("transitions", self.repeating)
+        if not self.nothing_at_start:
+            used, first = model.observation_row, model.first_observation_row
+            same = (used == used[:, :1]).all()
+            rows = (_pairs(model.observations), (used[:, 0] if same else used).tolist(), first.tolist())
+            for key, items in zip(POOL_KEYS, rows, strict=True):
+                yield from comment_lines(key, items)
         if not (np.diff(start.columns) > 0).all():
-            pairs = zip(start.columns.tolist(), start.probabilities.tolist(), strict=True)
-            self.comments += comment_lines("start", [list(pair) for pair in pairs])
-        if not np.array_equal(model.features, np.eye(model.n_symbols, self.n_symbols)):
-            self.comments += comment_lines("features", model.features.tolist())
+            yield from comment_lines("start", _pairs(start)[0])
+        one_hot = np.array_equal(model.features, np.eye(model.n_symbols, self.n_symbols))
+        if not one_hot or self.n_symbols > MOST_INPUTS:
+            yield from comment_lines("features", model.features.tolist())
         starting = set(start.columns.tolist())
-        taken = [
-            state
-            for state, of_state in enumerate(rows)
-            if state not in starting
-            and all(set(row.probabilities) == {state} and not row.reward and not row.rewards for row in of_state)
-        ]
-        if taken != np.flatnonzero(model.terminal).tolist():
-            self.comments += comment_lines("terminal", np.flatnonzero(model.terminal).tolist())
+        taken = [state not in starting and self._is_final(state) for state in range(model.n_states)]
+        if taken != model.terminal.tolist():
+            yield from comment_lines("terminal", np.flatnonzero(model.terminal).tolist())
+
+    def _is_final(self, state: int) -> bool:
+        """Whether every action leads back to the state without reward."""
+        return all(set(row.probabilities) == {state} and not row.reward and not row.rewards for row in self.rows[state])
 
     # Statements
 
@@ -210,7 +190,7 @@ class _Writer:
 
     def _seen(self, state: int, used: list[int]) -> Iterator[str]:
         for action, row in self._merged(used):
-            for symbol, probability in self._pool[row]:
+            for symbol, probability in self.pool[row]:
                 yield f"O : {action} : {self.states[state]} : {self.symbols[symbol]} {probability!r}"
 
     def _rewards(self, state: int, rows: list[_Row]) -> Iterator[str]:
@@ -237,6 +217,13 @@ def _sees_nothing_at_the_start(model: TabularPOMDP) -> bool:
         and np.array_equal(row[which], model.observation_row)
         and bool(first[0] == row[-1])
     )
+
+
+def _pairs(table: Distributions) -> list[list[tuple[int, float]]]:
+    """Column and probability of each entry, row by row."""
+    starts = table.starts.tolist()
+    pairs = list(zip(table.columns.tolist(), table.probabilities.tolist(), strict=True))
+    return [pairs[starts[row] : starts[row + 1]] for row in range(table.n_rows)]
 
 
 def _equal(one: Distributions, other: Distributions) -> bool:

@@ -25,6 +25,7 @@ Source: B. Bakker, "Reinforcement learning with long short-term memory", NIPS 14
 
 from __future__ import annotations
 
+import math
 from operator import index
 
 import numpy as np
@@ -41,6 +42,7 @@ NORTH, EAST, SOUTH, WEST = range(4)
 SYMBOLS = ("sign up", "sign down", "corridor", "junction")
 SIGN_UP, SIGN_DOWN, CORRIDOR, JUNCTION = range(4)
 LONGEST = 100_000
+RIGHT_TURN, WRONG_TURN, BUMP = 4.0, -0.1, -0.1
 REWARD_THRESHOLD = 3.8
 """At least 96 of 100 signs remembered."""
 
@@ -50,7 +52,9 @@ ENCODINGS = {
 }
 
 
-def tmaze_pomdp(corridor_length: int = 10, encoding: str = "bits") -> TabularPOMDP:
+def tmaze_pomdp(
+    corridor_length: int = 10, encoding: str = "bits", wrong_turn_reward: float = WRONG_TURN
+) -> TabularPOMDP:
     """The T-maze as tables.
 
     State ``sign * (N + 1) + position``, sign 0 for up and 1 for down, and four states for ended episodes,
@@ -59,11 +63,14 @@ def tmaze_pomdp(corridor_length: int = 10, encoding: str = "bits") -> TabularPOM
     Args:
         corridor_length: N, the position of the junction, from 1 to 100,000.
         encoding: "bits" or "one_hot".
+        wrong_turn_reward: For the turn against the sign.
 
     Raises:
         ValueError: If an argument is none of these.
     """
     n = _checked_length(corridor_length)
+    if not math.isfinite(wrong_turn_reward):
+        raise ValueError(f"wrong_turn_reward must be finite, got {wrong_turn_reward!r}")
     if encoding not in ENCODINGS:
         raise ValueError(f"encoding must be one of {', '.join(ENCODINGS)}, got {encoding!r}")
     over = 2 * (n + 1)  # the first of the ended states
@@ -87,7 +94,7 @@ def tmaze_pomdp(corridor_length: int = 10, encoding: str = "bits") -> TabularPOM
         states=state,
         actions=action,
         next_states=next_state,
-        rewards=np.where(turns & (arm == sign), 4.0, np.where(walks, 0.0, -0.1)),
+        rewards=np.where(turns, np.where(arm == sign, RIGHT_TURN, wrong_turn_reward), np.where(walks, 0.0, BUMP)),
         terminal=np.arange(over, over + 4),
         observations=Distributions.from_dense(np.eye(len(SYMBOLS))),
         observation_row=seen[:, None],
@@ -120,6 +127,8 @@ class TMaze(TabularEnv):
     Args:
         corridor_length: N, the position of the junction, from 1 to 100,000.
         encoding: "bits" or "one_hot".
+        wrong_turn_reward: For the turn against the sign. With 4, any turn is right and nothing need be remembered: the
+            printed numbers of the thesis's tables 6.1 and 7.2 are those of such a task.
         max_episode_steps: Steps after which an episode is cut off; max(1000, 10 (N + 1)) by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
         reveal: What drawings show; see :class:`TabularEnv`.
@@ -136,21 +145,27 @@ class TMaze(TabularEnv):
         self,
         corridor_length: int = 10,
         encoding: str = "bits",
+        wrong_turn_reward: float = WRONG_TURN,
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
         reveal: str = "state",
     ) -> None:
-        super().__init__(self.make_task(corridor_length, encoding, max_episode_steps), render_mode, reveal)
+        task = self.make_task(corridor_length, encoding, wrong_turn_reward, max_episode_steps)
+        super().__init__(task, render_mode, reveal)
         self.corridor_length = corridor_length
         self.encoding = encoding
 
     @classmethod
     def make_task(
-        cls, corridor_length: int = 10, encoding: str = "bits", max_episode_steps: int | None = None
+        cls,
+        corridor_length: int = 10,
+        encoding: str = "bits",
+        wrong_turn_reward: float = WRONG_TURN,
+        max_episode_steps: int | None = None,
     ) -> TabularTask:
         """What the class plays with these arguments."""
         limit = default_limit(corridor_length) if max_episode_steps is None else max_episode_steps
-        return tmaze_pomdp(corridor_length, encoding).task(limit, REWARD_THRESHOLD)
+        return tmaze_pomdp(corridor_length, encoding, wrong_turn_reward).task(limit, REWARD_THRESHOLD)
 
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""

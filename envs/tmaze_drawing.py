@@ -71,14 +71,24 @@ class _View:
         """What an arm is worth, as far as the spectator may know."""
         if not self.sign_is_known:
             return "?"
-        return "+4" if arm == self.goal else "-0.1"
+        return f"{self._paid(arm):+g}"
+
+    def _paid(self, arm: str) -> float:
+        """What turning into an arm earns, of the two states for it."""
+        pomdp = self.moment.pomdp
+        state = 2 * (self.corridor_length + 1) + 2 * (self.sign == "down") + (arm == "south")
+        row = (pomdp.transitions.columns == state) & ~pomdp.terminal[
+            pomdp.transitions.row_of_entry() // pomdp.n_actions
+        ]
+        return float(pomdp.rewards[row.argmax()])
 
     def message(self) -> Message:
         """What goes on."""
         if self.arm is not None and not self.sign_is_known:
             return Message(f"The agent turned {self.arm}.")
         if self.arm is not None:
-            outcome, color = ("right, +4", palette.GREEN) if self.arm == self.goal else ("wrong, -0.1", palette.RED)
+            verdict, color = ("right", palette.GREEN) if self.arm == self.goal else ("wrong", palette.RED)
+            outcome = f"{verdict}, {self.prize(self.arm)}"
             return Message(f"The sign pointed {self.sign}, the agent turned {self.arm}: {outcome}.", color)
         if self.moment.step >= self.moment.max_steps:
             return Message("Time is up.", palette.RED)
@@ -145,14 +155,11 @@ def _maze(canvas: Canvas, view: _View) -> None:
         canvas.text(label, str(cell), 13, palette.FAINT, "lm" if junction else "mm")
     x, y = centers[-1]
     arms = {"north": (x, y - size), "south": (x, y + size)}
-    colors = {
-        "+4": (palette.GREEN, palette.MINT),
-        "-0.1": (palette.RED, palette.ROSE),
-        "?": (palette.FAINT, palette.SAND),
-    }
+    right, wrong = (palette.GREEN, palette.MINT), (palette.RED, palette.ROSE)
+    unknown = (palette.FAINT, palette.SAND)
     for arm, center in arms.items():
         prize = view.prize(arm)
-        color, entered = colors[prize]
+        color, entered = unknown if not view.sign_is_known else right if arm == view.goal else wrong
         _cell(canvas, center, size, entered if arm == view.arm else palette.SAND)
         canvas.text(center, prize, round(size / 3.4), color, "mm")
     _sign(canvas, view, centers[0], size)

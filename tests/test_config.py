@@ -26,7 +26,7 @@ def test_the_default_is_the_thesis_s_way_to_learn_the_tmaze() -> None:
     config = composed()
     assert config.algo == RPGConfig()
     assert config.policy == PolicyConfig()
-    kwargs = {"corridor_length": 10, "encoding": "bits", "max_episode_steps": None}
+    kwargs = {"corridor_length": 10, "encoding": "bits", "max_episode_steps": None, "wrong_turn_reward": -0.1}
     assert config.env.recipe() == EnvRecipe("dpsearch.envs:dpsearch/TMaze-v0", kwargs)
 
 

@@ -145,7 +145,7 @@ class LRWR(Algorithm[LRWRConfig]):
         optimizer = make_optimizer(config.optimizer, self.parameters, config.learning_rate, config.optimizer_options)
         best, best_loss, since = self.policy.vector(), math.inf, 0
         for epoch in range(config.max_epochs):
-            outputs, _ = self.policy(observations)  # (T, N, K)
+            outputs, _ = self.policy(observations, actions=actions)  # (T, N, K)
             if n_held:
                 loss = float((self._losses(outputs[:, held].detach(), actions[:, held]) * weights[:, held]).sum())
                 if loss < best_loss:

@@ -142,7 +142,8 @@ class RPG(Algorithm[RPGConfig]):
         head, config = self.policy.head, self.config
         mask = episodes.mask  # (T, N)
         returns = episodes.returns_to_go(config.gamma)  # R_t, (T, N), section 2.1
-        features, _ = self.policy.remember(torch.from_numpy(episodes.observations))  # (T, N, H), one fused call
+        observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
+        features, _ = self.policy.remember(observations, actions=actions)  # (T, N, H), one fused call
         outputs = self.policy.readout(features)  # (T, N, K)
         baseline, loss = self.baseline(features, returns, mask)
         advantages = (returns - baseline) * mask  # (T, N)
@@ -160,7 +161,7 @@ class RPG(Algorithm[RPGConfig]):
         if not mask.all():  # what the policy would do on padding must not matter
             seen = torch.where(torch.from_numpy(mask)[..., None], seen, 0.0)
         eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
-        eligibilities, entropy = eligible(seen, torch.from_numpy(episodes.actions), torch.from_numpy(weights), bonus)
+        eligibilities, entropy = eligible(seen, actions, torch.from_numpy(weights), bonus)
         if loss is None:
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 from numpy.typing import NDArray
 
 from dpsearch.kernels.elementary import exp, log, sigmoid, sincos, tanh
-from dpsearch.kernels.lanes import FASTMATH, FORWARD_LANES, FORWARD_SHARED, LANES, SAMPLE, Compiled
+from dpsearch.kernels.lanes import FASTMATH, FORWARD_LANES, FORWARD_SHARED, INTS, LANES, ROWS, SAMPLE, Compiled
 from dpsearch.kernels.matvec import matvec
 from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
 
@@ -31,9 +31,10 @@ class CompiledPolicy:
         forward: Signatures ``FORWARD_SHARED`` and ``FORWARD_LANES``.
         sample: Signature ``SAMPLE``: a random action.
         mode: Signature ``SAMPLE``: the greedy action.
-        sizes: Observation size, hidden size, outputs, and 1 if there are biases: ``(4,)`` int64.
+        sizes: Observation size, hidden size, outputs, 1 if there are biases, rows of the previous action among the
+            inputs, and 1 if these are one-hot: ``(6,)`` int64.
         head_sizes: What ``sample`` needs to know of the outputs' layout.
-        hidden_rows: Rows of recurrent state, zero at the start of an episode.
+        hidden_rows: Rows of recurrent state, zero at the start of an episode; the last are the previous action's.
         scratch_rows: Rows of working memory.
         n_outputs: Rows of output.
         action_size: Rows of action.
@@ -61,25 +62,37 @@ class CompiledPolicy:
 
 
 @njit(inline="always")
-def _stack(first, n_first, second, n_second, bias, stacked):  # type: ignore[no-untyped-def]
-    """(first, second, 1), or without the 1, and how many rows that is."""
-    for i in range(n_first):
+def _put(rows, count, stacked, first):  # type: ignore[no-untyped-def]
+    """Copies the first rows of something to where ``first`` says; returns the row behind them."""
+    for i in range(count):
         for lane in range(LANES):
-            stacked[i, lane] = first[i, lane]
-    for i in range(n_second):
-        for lane in range(LANES):
-            stacked[n_first + i, lane] = second[i, lane]
+            stacked[first + i, lane] = rows[i, lane]
+    return first + count
+
+
+@njit(inline="always")
+def _inputs(sizes, observation, previous, memory, n_memory, stacked):  # type: ignore[no-untyped-def]
+    """(observation, previous action, memory, 1), or without the 1, and how many rows that is."""
+    columns = _put(observation, sizes[0], stacked, 0)
+    columns = _put(previous, sizes[4], stacked, columns)
+    return _end(memory, n_memory, sizes[3], stacked, columns)
+
+
+@njit(inline="always")
+def _end(rows, count, bias, stacked, first):  # type: ignore[no-untyped-def]
+    """(rows, 1), or without the 1, below what is there already."""
+    columns = _put(rows, count, stacked, first)
     for lane in range(LANES):
-        stacked[n_first + n_second, lane] = 1.0
-    return n_first + n_second + bias
+        stacked[columns, lane] = 1.0
+    return columns + bias
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def lstm(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """``torch.nn.LSTM`` and a linear layer; ``hidden`` holds the outputs h above the cells c."""
-    inputs, n, outputs, bias = sizes
-    seen, gates = scratch[: inputs + n + 1], scratch[inputs + n + 1 :]
-    columns = _stack(observation, inputs, hidden, n, bias, seen)
+    n, outputs, bias, rows = sizes[1], sizes[2], sizes[3], sizes[0] + sizes[4] + sizes[1] + 1
+    seen, gates = scratch[:rows], scratch[rows:]
+    columns = _inputs(sizes, observation, hidden[2 * n :], hidden, n, seen)
     matvec(weights, 0, 4 * n, columns, seen, gates)
     for j in range(n):  # gates in torch's order: input, forget, cell, output
         for lane in range(LANES):
@@ -88,35 +101,49 @@ def lstm(sizes, weights, observation, hidden, scratch, output):  # type: ignore[
     for j in range(n):  # a second loop, so that no tanh waits for the cell just made: a fifth faster
         for lane in range(LANES):
             hidden[j, lane] = sigmoid(gates[3 * n + j, lane]) * tanh(hidden[n + j, lane])
-    columns = _stack(hidden, n, hidden, 0, bias, seen)
-    matvec(weights, 4 * n * (inputs + n + bias), outputs, columns, seen, output)
+    first = 4 * n * columns
+    matvec(weights, first, outputs, _end(hidden, n, bias, seen, 0), seen, output)
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def elman(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """``torch.nn.RNN`` with tanh and a linear layer."""
-    inputs, n, outputs, bias = sizes
-    columns = _stack(observation, inputs, hidden, n, bias, scratch)
+    n, outputs, bias = sizes[1], sizes[2], sizes[3]
+    columns = _inputs(sizes, observation, hidden[n:], hidden, n, scratch)
     matvec(weights, 0, n, columns, scratch, hidden)
     for j in range(n):
         for lane in range(LANES):
             hidden[j, lane] = tanh(hidden[j, lane])
-    columns = _stack(hidden, n, hidden, 0, bias, scratch)
-    matvec(weights, n * (inputs + n + bias), outputs, columns, scratch, output)
+    first = n * columns
+    matvec(weights, first, outputs, _end(hidden, n, bias, scratch, 0), scratch, output)
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def memoryless(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
-    """One tanh layer and a linear layer: reacts to the present observation alone."""
-    inputs, n, outputs, bias = sizes
-    seen, units = scratch[: inputs + n + 1], scratch[inputs + n + 1 :]
-    columns = _stack(observation, inputs, observation, 0, bias, seen)
+    """One tanh layer and a linear layer: reacts to the present observation alone, or that and the previous action."""
+    n, outputs, bias, rows = sizes[1], sizes[2], sizes[3], sizes[0] + sizes[4] + sizes[1] + 1
+    seen, units = scratch[:rows], scratch[rows:]
+    columns = _inputs(sizes, observation, hidden, hidden, 0, seen)
     matvec(weights, 0, n, columns, seen, units)
     for j in range(n):
         for lane in range(LANES):
             units[j, lane] = tanh(units[j, lane])
-    columns = _stack(units, n, units, 0, bias, seen)
-    matvec(weights, n * (inputs + bias), outputs, columns, seen, output)
+    first = n * columns
+    matvec(weights, first, outputs, _end(units, n, bias, seen, 0), seen, output)
+
+
+@njit(types.void(INTS, INTS, ROWS, ROWS), cache=True, nogil=True, error_model="numpy")
+def remember_action(sizes, head_sizes, action, hidden):  # type: ignore[no-untyped-def]
+    """Puts the action taken into the last rows of the recurrent state, for a policy that will see it."""
+    first = hidden.shape[0] - sizes[4]
+    for i in range(action.shape[0] if sizes[4] > 0 else 0):
+        if sizes[5] == 0:
+            hidden[first + i] = action[i]
+        else:
+            for choice in range(head_sizes[i]):
+                for lane in range(LANES):
+                    hidden[first + choice, lane] = 1.0 if action[i, lane] == choice else 0.0
+            first += head_sizes[i]
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
@@ -189,10 +216,17 @@ def unsquashed(sizes, noise, output, action):  # type: ignore[no-untyped-def]
 
 @cache
 def compiled_policy(
-    core: str, observation_size: int, hidden_size: int, head: Head, bias: bool, readout: bool = True
+    core: str,
+    observation_size: int,
+    hidden_size: int,
+    head: Head,
+    bias: bool,
+    readout: bool = True,
+    previous_action: bool = False,
 ) -> CompiledPolicy:
     """The compiled twin of a ``RecurrentPolicy`` with these sizes."""
-    n, inputs = hidden_size, observation_size
+    n, echo = hidden_size, head.echo_size if previous_action else 0
+    inputs = observation_size + echo
     forward, units, recurrent, hidden_rows, work_rows = {
         "lstm": (lstm, 4 * n, n, 2 * n, 4 * n),
         "rnn": (elman, n, n, n, 0),
@@ -212,9 +246,9 @@ def compiled_policy(
         forward=forward,
         sample=sample,
         mode=mode,
-        sizes=np.array([inputs, n, head.n_outputs, bias], np.int64),
+        sizes=np.array([observation_size, n, head.n_outputs, bias, echo, isinstance(head, Categorical)], np.int64),
         head_sizes=np.array(head_sizes, np.int64),
-        hidden_rows=hidden_rows,
+        hidden_rows=hidden_rows + echo,
         scratch_rows=inputs + n + 1 + work_rows,
         n_outputs=head.n_outputs,
         action_size=head.action_size,

@@ -34,6 +34,15 @@ class Head(ABC):
     action_size: int
     draws: int
 
+    @property
+    def echo_size(self) -> int:
+        """Numbers that tell a policy what its previous action was."""
+        return self.action_size
+
+    def echo(self, actions: Tensor) -> Tensor:
+        """Actions ``(..., action_size)`` as an input ``(..., echo_size)``: as they are, or one-hot if discrete."""
+        return actions
+
     @abstractmethod
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
         """Log pi(a|h) ``(...)`` of actions ``(..., action_size)``."""
@@ -106,6 +115,18 @@ class Categorical(Head):
         self.action_size = len(self.sizes)
         self.draws = len(self.sizes)
         self._sizes = np.array(self.sizes, np.int64)
+
+    @property
+    @override
+    def echo_size(self) -> int:
+        return self.n_outputs
+
+    @override
+    def echo(self, actions: Tensor) -> Tensor:
+        one_hot = [
+            torch.nn.functional.one_hot(a.long(), n) for a, n in zip(actions.unbind(-1), self.sizes, strict=True)
+        ]
+        return torch.cat(one_hot, -1)
 
     def _log_softmax(self, outputs: Tensor) -> list[Tensor]:
         """Log p of each group's choices, choices first: torch vectorises over all but a short last axis."""

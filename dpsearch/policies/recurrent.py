@@ -34,6 +34,7 @@ class PolicyConfig:
     forget_bias: float = 0.0
     input_bias: float = 0.0
     readout: bool = True
+    previous_action: bool = False
 
 
 class RecurrentPolicy(nn.Module):
@@ -52,6 +53,8 @@ class RecurrentPolicy(nn.Module):
             what is seen at every step.
         readout: False leaves the linear read-out away: the first cells' activations are the outputs, as in a fully
             recurrent network without a layer of its own for the output.
+        previous_action: The policy also sees its previous action, one-hot if discrete, zeros at first. A policy that
+            samples its actions cannot otherwise know which it took.
         seed: Seed of the initial weights.
     """
 
@@ -67,6 +70,7 @@ class RecurrentPolicy(nn.Module):
         forget_bias: float = 0.0,
         input_bias: float = 0.0,
         readout: bool = True,
+        previous_action: bool = False,
         seed: int = 0,
     ) -> None:
         if core not in ("lstm", "rnn", "none"):
@@ -89,14 +93,18 @@ class RecurrentPolicy(nn.Module):
         self.head = head
         self.core_type = cast(Core, core)
         self.bias = bias
-        self._config = PolicyConfig(core, hidden_size, bias, init_range, forget_bias, input_bias, readout)
+        self._config = PolicyConfig(
+            core, hidden_size, bias, init_range, forget_bias, input_bias, readout, previous_action
+        )
+        self.echo_size = head.echo_size if previous_action else 0
+        inputs = observation_size + self.echo_size
         self.core: nn.LSTM | nn.RNN | nn.Linear
         if core == "lstm":
-            self.core = nn.LSTM(observation_size, hidden_size, bias=bias)
+            self.core = nn.LSTM(inputs, hidden_size, bias=bias)
         elif core == "rnn":
-            self.core = nn.RNN(observation_size, hidden_size, bias=bias)
+            self.core = nn.RNN(inputs, hidden_size, bias=bias)
         else:
-            self.core = nn.Linear(observation_size, hidden_size, bias=bias)
+            self.core = nn.Linear(inputs, hidden_size, bias=bias)
         self.readout = nn.Linear(hidden_size, head.n_outputs, bias=bias)
         if isinstance(self.core, nn.LSTM | nn.RNN) and bias:
             # torch adds two bias vectors; the second is redundant, so it stays 0 and is not a free parameter
@@ -157,32 +165,55 @@ class RecurrentPolicy(nn.Module):
 
     @property
     def state_size(self) -> int:
-        """Numbers of recurrent state an episode carries: h and c for an LSTM, h for an Elman net, none without."""
-        return {"lstm": 2, "rnn": 1, "none": 0}[self.core_type] * self.hidden_size
+        """Numbers of recurrent state an episode carries.
 
-    def remember(self, observations: Tensor, state: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        h and c for an LSTM, h for an Elman net, none without; then the previous action, if the policy sees it.
+        """
+        return {"lstm": 2, "rnn": 1, "none": 0}[self.core_type] * self.hidden_size + self.echo_size
+
+    def remember(
+        self, observations: Tensor, state: Tensor | None = None, actions: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """What the core makes of whole episodes at once.
 
         Args:
             observations: ``(T, B, O)``, one episode a column.
             state: ``(B, state_size)`` before the first step; zeros if None.
+            actions: ``(T, B, action_size)``, those taken; needed if the policy sees its previous action and T > 1.
 
         Returns:
-            Features ``(T, B, H)`` and the state ``(B, state_size)`` after the last step.
+            Features ``(T, B, H)`` and the state ``(B, state_size)`` after the last step, zero where it would hold the
+            last action if that was not given.
         """
+        if not self.echo_size:
+            return self._core(observations, state)
+        steps, width = observations.shape[:2]
+        echoes = observations.new_zeros(steps + 1, width, self.echo_size)
+        if actions is not None:
+            echoes[1:] = self.head.echo(actions)
+        elif steps > 1:
+            raise ValueError("a policy that sees its previous action needs the actions of an episode")
+        if state is not None:
+            echoes[0], state = state[:, -self.echo_size :], state[:, : -self.echo_size]
+        features, after = self._core(torch.cat((observations, echoes[:-1]), -1), state)
+        return features, torch.cat((after, echoes[-1]), -1)
+
+    def _core(self, inputs: Tensor, state: Tensor | None) -> tuple[Tensor, Tensor]:
         n = self.hidden_size
         if isinstance(self.core, nn.LSTM):
             before = None if state is None else (state[None, :, :n].contiguous(), state[None, :, n:].contiguous())
-            features, (h, c) = self.core(observations, before)
+            features, (h, c) = self.core(inputs, before)
             return features, torch.cat((h[0], c[0]), dim=-1)
         if isinstance(self.core, nn.RNN):
-            features, h = self.core(observations, None if state is None else state[None].contiguous())
+            features, h = self.core(inputs, None if state is None else state[None].contiguous())
             return features, h[0]
-        return torch.tanh(self.core(observations)), observations.new_zeros(observations.shape[1], 0)
+        return torch.tanh(self.core(inputs)), inputs.new_zeros(inputs.shape[1], 0)
 
-    def forward(self, observations: Tensor, state: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    def forward(
+        self, observations: Tensor, state: Tensor | None = None, actions: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """The head's parameters ``(T, B, n_outputs)`` for whole episodes, and the state; see ``remember``."""
-        features, after = self.remember(observations, state)
+        features, after = self.remember(observations, state, actions)
         return self.readout(features), after
 
     @torch.no_grad()
@@ -198,9 +229,10 @@ class RecurrentPolicy(nn.Module):
             Actions ``(B, action_size)`` and the next state.
         """
         outputs, state = self(observation[None], state)
-        if uniforms is None:
-            return self.head.mode(outputs[0]), state
-        return self.head.sample(outputs[0], uniforms), state
+        actions = self.head.mode(outputs[0]) if uniforms is None else self.head.sample(outputs[0], uniforms)
+        if self.echo_size:
+            state[:, -self.echo_size :] = self.head.echo(actions)
+        return actions, state
 
     def vector(self) -> NDArray[np.float64]:
         """The free parameters as one flat copy ``(P,)``."""
@@ -228,5 +260,11 @@ class RecurrentPolicy(nn.Module):
     def compiled(self) -> CompiledPolicy:
         """The compiled twin that the lane engine runs, for weights of ``vector()``'s layout."""
         return compiled_policy(
-            self.core_type, self.observation_size, self.hidden_size, self.head, self.bias, self.has_readout
+            self.core_type,
+            self.observation_size,
+            self.hidden_size,
+            self.head,
+            self.bias,
+            self.has_readout,
+            self.echo_size > 0,
         )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dpsearch.kernels.lanes import LANES, noise_rows
 from dpsearch.kernels.philox import ACTION, draw
+from dpsearch.policies.compiled import remember_action
 from dpsearch.policies.recurrent import RecurrentPolicy
 
 
@@ -74,6 +75,7 @@ class LaneActor:
             compiled.forward(compiled.sizes, weights, observation, self._hidden[b], self._scratch, self._output)
             draw(self._key, self._episode[b], self._time[b], ACTION, self._noise)
             self._choose(compiled.head_sizes, self._noise, self._output, self._action[b])
+            remember_action(compiled.sizes, compiled.head_sizes, self._action[b], self._hidden[b])
         self._time += 1
         actions: NDArray[np.float64] = self._action.swapaxes(1, 2).reshape(len(self._padded), -1)[:lanes]
         return actions

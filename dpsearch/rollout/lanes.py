@@ -27,6 +27,7 @@ from dpsearch.kernels.lanes import (
     fetch_add,
 )
 from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw
+from dpsearch.policies.compiled import remember_action
 
 _IDLE = -1
 
@@ -132,6 +133,7 @@ def play(  # type: ignore[no-untyped-def]
         forward(policy_sizes, weights, observation, hidden, scratch, output)
         draw(key, episode, time, ACTION, action_noise)
         sample(head_sizes, action_noise, output, action)
+        remember_action(policy_sizes, head_sizes, action, hidden)
         if record:
             for lane in range(LANES):
                 if job[lane] != _IDLE:

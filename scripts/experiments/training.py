@@ -22,8 +22,15 @@ from dpsearch.policies import RecurrentPolicy
 from dpsearch.rollout import Episodes, Rollouts
 from scripts.experiments.jobs import Outcome
 
-# Settings of the policy that came after the first logs of runs, with what had been meant: they count if they differ.
-LATER = {"readout": True}
+# Settings that came after the first logs of runs, with what had been meant before: they count if they differ.
+LATER = {
+    "readout": True,
+    "previous_action": False,
+    "normalise_advantages": False,
+    "entropy_bonus": 0.0,
+    "entropy_halflife": None,
+    "wrong_turn_reward": -0.1,
+}
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 
 
@@ -42,10 +49,14 @@ class Settings:
     def fingerprint(self) -> str:
         """Tells settings apart by all that an outcome depends on, the seed aside."""
         config = self.config
+
+        def counted(settings: Any) -> dict[str, Any]:
+            return {k: v for k, v in asdict(settings).items() if k not in LATER or v != LATER[k]}
+
         parts = {
-            "algo": [self.algo, asdict(config.algo)],
-            "env": asdict(config.env),
-            "policy": {k: v for k, v in asdict(config.policy).items() if k not in LATER or v != LATER[k]},
+            "algo": [self.algo, counted(config.algo)],
+            "env": counted(config.env),
+            "policy": counted(config.policy),
             "limits": [config.total_steps, config.total_episodes, config.total_updates],
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]

@@ -1,0 +1,26 @@
+import pytest
+
+from dpsearch.envs.tabular import TabularPOMDP
+from dpsearch.report.point_based import point_based
+from dpsearch.report.upper_bound import upper_bound
+from dpsearch.report.value_iteration import value_iteration
+from tests.report.optima import OPTIMAL, task
+
+
+@pytest.mark.parametrize("name", OPTIMAL)
+def test_the_bounds_meet_where_few_beliefs_are_possible(name: str) -> None:
+    lower = point_based(task(name).pomdp)
+    assert -1e-9 < upper_bound(lower) - lower.start_value < 1e-6
+
+
+@pytest.mark.parametrize("name", ["maze4x3", "maze4x3, minus ends"])
+def test_the_bounds_nearly_meet_in_the_4x3_maze(name: str) -> None:
+    lower = point_based(task(name).pomdp, 0.9999)
+    assert 0 < upper_bound(lower) - lower.start_value < 1e-3
+
+
+def test_the_optimum_lies_between_the_bounds_and_more_beliefs_bring_them_together(noisy_pomdp: TabularPOMDP) -> None:
+    rough, fine = point_based(noisy_pomdp, rounds=1, beliefs=3), point_based(noisy_pomdp)
+    assert rough.start_value <= fine.start_value <= upper_bound(fine) <= upper_bound(rough)
+    assert upper_bound(rough) <= value_iteration(noisy_pomdp).start_value + 1e-9
+    assert upper_bound(fine) - fine.start_value < 0.01
