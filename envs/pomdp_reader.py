@@ -9,7 +9,7 @@ hold more characters than the original allows. How the format becomes a :class:`
   cannot start there. So there are none where a file gives no ``start``: every state is a start state then.
 - It may pay for what is observed: see ``pomdp_split``, which adds states called ``state/observation``.
 - Costs are negative rewards.
-- Probabilities that sum to 1 within 1e-5, as few digits may do, are made to do so exactly.
+- Probabilities of few digits, which sum to 1 within 1e-5 only, are made to do so exactly.
 
 What else a model has is said in comments; see ``pomdp_comments``.
 """
@@ -26,9 +26,9 @@ from dpsearch.envs.pomdp_comments import NAME_KEYS, POOL_KEYS, Comments
 from dpsearch.envs.pomdp_pool import certain, disagreement, joined, rows_of, shared, unseen_name
 from dpsearch.envs.pomdp_preamble import MOST_INPUTS, Outline
 from dpsearch.envs.pomdp_split import Moves, rewarded, with_certain_rows, with_copies
-from dpsearch.envs.pomdp_statements import Statements, parse
+from dpsearch.envs.pomdp_statements import Settings, Statements, parse
 from dpsearch.envs.pomdp_tables import RewardTable, Table
-from dpsearch.envs.pomdp_tokens import PomdpFileError, Source
+from dpsearch.envs.pomdp_tokens import Names, PomdpFileError, Source
 from dpsearch.envs.tabular import TabularPOMDP
 
 
@@ -69,19 +69,16 @@ class _Model:
 
     def pomdp(self) -> TabularPOMDP:
         statements, preamble, comments = self.statements, self.preamble, self.comments
-        states, actions, symbols = self.states, self.actions, self.symbols
+        states, symbols, n_actions = self.states, self.symbols, self.actions.count
         if symbols.count > MOST_INPUTS and "features" not in comments:
             raise self.source.error(
                 f"{symbols.count:,} observations would be as many inputs: the limit is {MOST_INPUTS:,}"
             )
         start = self._start()
-        transitions = Table(self.source, "T", statements.transitions, actions, states, states).distributions(
-            preamble.start
-        )
-        seen = Table(self.source, "O", statements.observations, actions, states, symbols).distributions(preamble.start)
-        seen = _by_column(seen)
-        table = RewardTable(statements.rewards, (actions.count, states.count, states.count, symbols.count))
-        moves = rewarded(transitions, seen, table, actions.count)
+        transitions = self._table("T", statements.transitions, states)
+        seen = _by_column(self._table("O", statements.observations, symbols))
+        table = RewardTable(statements.rewards, (n_actions, states.count, states.count, symbols.count))
+        moves = rewarded(transitions, seen, table, n_actions)
         if preamble.cost:
             moves = Moves(moves.transitions, 0.0 - moves.rewards, moves.copy_of, moves.sees)
         if len(moves.copy_of):
@@ -106,6 +103,10 @@ class _Model:
             action_names=names[1],
             observation_names=observation_names,
         )
+
+    def _table(self, keyword: str, settings: Settings, columns: Names) -> Distributions:
+        table = Table(self.source, keyword, settings, self.actions, self.states, columns)
+        return table.distributions(self.preamble.start)
 
     def _start(self) -> Distributions:
         start = Distributions.from_dense(self.preamble.start)

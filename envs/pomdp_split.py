@@ -77,8 +77,8 @@ def rewarded(transitions: Distributions, seen: Distributions, table: RewardTable
     pairs, copy = np.unique(column[origin] * n_symbols + symbol, return_inverse=True)
     if (n_states + len(pairs)) * n_actions > MOST_ROWS:
         raise ValueError(
-            f"rewards depend on the observation, and to tell {len(pairs):,} pairs of state and observation apart "
-            f"takes too many states: the limit is {MOST_ROWS // n_actions:,}"
+            f"rewards depend on the observation: to tell {len(pairs):,} pairs of state and observation apart "
+            f"takes as many more states, the limit is {MOST_ROWS // n_actions:,}"
         )
     whole = np.setdiff1d(np.arange(len(row)), origin)
     order = np.argsort(np.append(whole, origin), kind="stable")
@@ -101,10 +101,19 @@ def with_copies(moves: Moves, terminal: NDArray[np.bool_]) -> Moves:
     Args:
         moves: Transitions from the states that are no copies.
         terminal: Which of these states end the episode, ``(S,)``.
+
+    Raises:
+        ValueError: If the model would become too large.
     """
     n_states, n_actions = len(terminal), moves.transitions.n_rows // len(terminal)
     rows = (moves.copy_of[:, None] * n_actions + np.arange(n_actions)).ravel()
-    entry, which = expanded(moves.transitions.starts[rows], np.diff(moves.transitions.starts)[rows])
+    lengths = np.diff(moves.transitions.starts)[rows]
+    if lengths.sum() > MOST_ENTRIES:
+        raise ValueError(
+            f"rewards depend on the observation: to tell {len(moves.copy_of):,} pairs of state and observation apart "
+            f"takes {lengths.sum():,} more transitions, the limit is {MOST_ENTRIES:,}"
+        )
+    entry, which = expanded(moves.transitions.starts[rows], lengths)
     copies = rows_of(moves.transitions, rows)
     number = which // n_actions
     ended = terminal[moves.copy_of[number]]

@@ -25,13 +25,17 @@ from torch import Tensor
 from typing_extensions import override
 
 from dpsearch.algos.base import Algorithm, Env, Metrics
+from dpsearch.algos.baselines import HistoryBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
+from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig
 from dpsearch.rollout import Episodes
 
 UTILITIES = ("exponential", "rank")
+BASELINES = ("none", "history")
 LOSSES = ("likelihood", "squared")
+BASELINE = 6  # purpose of the seed's stream that the baseline's weights come from
 
 
 @dataclass
@@ -43,6 +47,9 @@ class LRWRConfig:
         gamma: Discount factor of the returns, in (0, 1].
         utility: ``"exponential"``: u = exp(tau R), scaled so that the best of a batch weighs 1. ``"rank"``: the better
             half of a batch weighs from 0 to 1 by rank, whatever the size of the returns.
+        baseline: ``"none"``: an episode's utility counts for all of its steps. ``"history"``: each step has a utility
+            of its own, by how much better than expected the return from there on was; what to expect, a second LSTM
+            learns (section 6.4).
         tau: How steeply exponential utility rises at first, per unit of return.
         adapt_tau: Adapt it after each EM step, equation 6.4.
         loss: ``"likelihood"``: weighted log-likelihood, what section 6.2.4 derives. ``"squared"``: squared error of the
@@ -59,6 +66,7 @@ class LRWRConfig:
     batch_size: int = 30
     gamma: float = 0.98
     utility: str = "exponential"
+    baseline: str = "none"
     tau: float = 1.0
     adapt_tau: bool = True
     loss: str = "likelihood"
@@ -77,6 +85,7 @@ class LRWRConfig:
                 "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 2, "a whole number, at least 2"),
                 "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
                 "utility": (self.utility in UTILITIES, f"one of {', '.join(UTILITIES)}"),
+                "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "tau": (0.0 < self.tau < math.inf, "positive and finite"),
                 "loss": (self.loss in LOSSES, f"one of {', '.join(LOSSES)}"),
                 "held_out": (0.0 <= self.held_out < 1.0, "in [0, 1)"),
@@ -103,44 +112,72 @@ class LRWR(Algorithm[LRWRConfig]):
         super().__init__(env, config, **options)
         self.tau = self.config.tau
         self.parameters = self.policy.free_parameters()
+        self.baseline: HistoryBaseline | None = None
+        if self.config.baseline == "history":
+            self.baseline = HistoryBaseline(
+                self.policy.observation_size,
+                self.policy.head,
+                optimizer="Adam",
+                learning_rate=0.01,
+                steps=5,
+                seed=stream_key(self.seed, BASELINE) >> 1,
+            )
 
     def update(self) -> Metrics:
         """One EM step: play a batch, imitate its best episodes, adapt tau (algorithm 6.1)."""
         start = perf_counter()
         episodes = self.play_batch(self.config.batch_size)
         sampled = perf_counter()
-        returns = episodes.returns_to_go(self.config.gamma)[0].astype(np.float64)  # R_i at t = 0, (N,)
-        utilities = self.utilities(returns)  # (N,)
-        epochs = self.imitate(episodes, utilities)
-        gain = returns - returns.min()  # so that tau stays positive when returns are negative
-        if self.config.adapt_tau and (utilities * gain).sum() > 0.0:
-            self.tau = float(utilities.sum() / (utilities * gain).sum())  # (6.4)
+        gains, steps = self._gains(episodes)  # (M,), of M episodes or steps, and which of them each step is, (T, N)
+        utilities = self.utilities(gains)  # (M,)
+        epochs = self.imitate(episodes, utilities[steps])
+        if self.config.adapt_tau:
+            above = utilities * (gains - gains.min())  # so that tau stays positive when returns are negative
+            self.tau = float(utilities.sum() / above.sum()) if above.sum() > 0.0 else self.tau  # (6.4)
         self.updates += 1
         return {
             "return": float(episodes.returns.mean()),
             "episode_length": episodes.steps / len(episodes),
             "tau": self.tau,
-            "effective_episodes": float(utilities.sum() ** 2 / np.square(utilities).sum()),
+            "effective_part": float(utilities.sum() ** 2 / np.square(utilities).sum()) / len(utilities),
             "epochs": epochs,
             "time/sample": sampled - start,
             "time/imitate": perf_counter() - sampled,
         }
 
-    def utilities(self, returns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How much each episode counts, by its return ``(N,)``: in [0, 1], the best one 1 (equation 6.2)."""
+    def _gains(self, episodes: Episodes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """What utilities judge, ``(M,)``, and whose utility counts for each step, ``(T, N)``: episodes', or steps'."""
+        mask = episodes.mask
+        returns = episodes.returns_to_go(self.config.gamma)  # R_t, (T, N)
+        if self.baseline is None:
+            return returns[0].astype(np.float64), np.broadcast_to(np.arange(len(episodes)), mask.shape)
+        expected = self.baseline.expected(episodes)
+        self.baseline.learn(episodes, returns, mask)
+        return (returns - expected)[mask].astype(np.float64), np.cumsum(mask).reshape(mask.shape) - 1
+
+    def utilities(self, gains: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How much each episode or step counts, by its gain ``(M,)``: in [0, 1], the best one 1 (equation 6.2)."""
         if self.config.utility == "exponential":
-            weights: NDArray[np.float64] = np.exp(self.tau * (returns - returns.max()))
+            weights: NDArray[np.float64] = np.exp(self.tau * (gains - gains.max()))
             return weights
-        ranks = np.searchsorted(np.sort(returns), returns, side="right") / len(returns)  # equals share the best rank
+        ranks = np.searchsorted(np.sort(gains), gains, side="right") / len(gains)  # equals share the best rank
         return np.maximum(2.0 * ranks - 1.0, 0.0)
 
     def imitate(self, episodes: Episodes, utilities: NDArray[np.float64]) -> int:
-        """Train the policy to do what it did, weighted, until it generalises no more (6.2.4); returns the epochs."""
+        """Train the policy to do what it did until it generalises no more (6.2.4).
+
+        Args:
+            episodes: What it did.
+            utilities: How much each step counts, ``(T, N)``.
+
+        Returns:
+            Gradient steps taken.
+        """
         config = self.config
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         n_held = round(config.held_out * len(episodes))  # episodes are alike in distribution: the last ones will do
         held = np.arange(len(episodes)) >= len(episodes) - n_held
-        weights = torch.from_numpy((utilities * episodes.mask).astype(np.float32))  # (T, N)
+        weights = torch.from_numpy((utilities * episodes.mask).astype(np.float32))
         train = weights[:, ~held]
         optimizer = make_optimizer(config.optimizer, self.parameters, config.learning_rate, config.optimizer_options)
         best, best_loss, since = self.policy.vector(), math.inf, 0

@@ -1,7 +1,7 @@
 """Policies that are not learned, for finite POMDPs: controllers with a finite memory, and policies on beliefs.
 
-They are the yardsticks of what is learned. All are pure functions of a memory, an array with one row for each of N
-episodes that are played side by side, so whoever plays them may drop rows as episodes end.
+They are the yardsticks of what is learned. Each is a few pure functions of its memory, an array with a row for each of
+N episodes that are played side by side, so whoever plays it may drop rows as episodes end.
 """
 
 from __future__ import annotations
@@ -137,10 +137,17 @@ class BeliefAgent:
         return self.decide(memory)
 
     def update(self, memory: Floats, actions: Ints, symbols: Ints) -> Floats:
-        """The beliefs after a step. That the episode goes on rules out the states that would have ended it."""
+        """The beliefs after a step. That the episode goes on rules out the states that would have ended it.
+
+        Raises:
+            ValueError: If a symbol cannot be seen there in an episode that goes on.
+        """
         beliefs = self._filter.update(memory, actions, symbols)
         beliefs[:, self.pomdp.terminal] = 0.0
-        beliefs /= beliefs.sum(axis=1, keepdims=True)
+        left = beliefs.sum(axis=1, keepdims=True)
+        if not left.all():
+            raise ValueError(f"episode {left.argmin()} cannot have gone on with what was seen")
+        beliefs /= left
         return beliefs
 
 

@@ -1,7 +1,9 @@
 """A hand-written policy for each of the finite POMDPs: what someone would do who has understood the task.
 
-Five are small controllers, or act by the most likely state, so that all that they need can be read here; the one for
-the 4x3 maze also weighs how likely each state is. How near to the optimum each comes is in the tests.
+Four are controllers of a few nodes that earn the optimal discounted return. In the other two mazes it takes more than
+a few nodes to make the best of what is seen, so there the policies follow the belief, and use what would be best if
+the state were seen: QMDP in the 4x3 maze, where nothing better is known, and the most likely state in the 89-state
+maze, where it takes twice as long as the best.
 """
 
 from __future__ import annotations

@@ -73,9 +73,13 @@ def point_based(
 ) -> ValueVectors:
     """Solves a task without a step cap.
 
+    The defaults solve all tasks of section 6.3 and short T-mazes in a second. For the 89-state maze they would take
+    many minutes; with ``rounds=3, beliefs=60, tolerance=1e-3`` it takes seconds to a policy that is nearly as good.
+
     Args:
         pomdp: The task.
-        discount: Instead of the task's own, which must be below 1.
+        discount: Instead of the task's own. It must be below 1; 0.9999 in place of 1 changes a return of episodes of
+            some ten steps in its third decimal at most.
         rounds: How often the set of beliefs is extended.
         beliefs: By how many at most.
         sweeps: The most sweeps of backups in a round.

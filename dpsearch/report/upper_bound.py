@@ -18,9 +18,9 @@ from dpsearch.report.value_iteration import value_iteration
 
 
 def upper_bound(lower: ValueVectors, *, sweeps: int = 1_000, tolerance: float = 1e-8) -> float:
-    """More cannot be earned from the start of an episode on.
+    """More than this cannot be earned from the start of an episode on, without a step cap.
 
-    It is as tight as the beliefs are many; memory grows with their number squared.
+    The more beliefs, the tighter; time and memory grow with the square of their number. For small tasks.
 
     Args:
         lower: A bound from below. Values are backed up at the beliefs that this was made with.
@@ -60,6 +60,6 @@ def _shares(joint: Floats, points: Floats) -> Floats:
 
 
 def _sawtooth(joint: Floats, shares: Floats, corners: Floats, teeth: Floats) -> Floats:
-    """The bound at unnormalised beliefs ``(n, S)``: ``(n,)``. Teeth ``(N,)`` are below 0, or 0."""
+    """The bound at unnormalised beliefs ``(n, S)``: ``(n,)``; teeth ``(N,)`` that point upwards do not count."""
     bound: Floats = joint @ corners + (shares * teeth).min(axis=1, initial=0.0)
     return bound

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from scripts.benchmarks.files import pomdp_file
 from scripts.benchmarks.measurement import Measurement
 from scripts.benchmarks.processes import compilation, memory, startup
 from scripts.benchmarks.searching import population, search
@@ -12,6 +13,7 @@ BENCHMARKS: dict[str, Callable[[int], list[Measurement]]] = {
     "update": update,
     "population": population,
     "search": search,
+    "pomdp_file": pomdp_file,
     "startup": startup,
     "memory": memory,
     "compilation": compilation,

@@ -29,21 +29,26 @@ def read(path: Path, text: str) -> TabularPOMDP:
 
 
 def joint(model: TabularPOMDP, states: list[str]) -> dict[tuple[int, int], dict[tuple[int, int, float], float]]:
-    """Probability of each (next state, symbol, reward), for every state of the file and action."""
-    model_states = [states.index(name.split("/")[0]) for name in model.state_names]
+    """Probability of each (next state, symbol, reward), for every state of the file and action.
+
+    Of the copies of states that rewards for observations take, it makes sure that they are left as the state is.
+    """
+    file_state = [states.index(name.split("/")[0]) for name in model.state_names]
     seen = model.observations.dense()
     found: dict[tuple[int, int], dict[tuple[int, int, float], float]] = {}
-    for state in range(len(states)):
-        for action in range(model.n_actions):
-            row = state * model.n_actions + action
-            outcomes: dict[tuple[int, int, float], float] = defaultdict(float)
-            for entry in range(model.transitions.starts[row], model.transitions.starts[row + 1]):
-                arrived = model.transitions.columns[entry]
-                for symbol, likely in enumerate(seen[model.observation_row[arrived, action]]):
-                    if likely:
-                        key = (model_states[arrived], symbol, float(model.rewards[entry]))
-                        outcomes[key] += float(model.transitions.probabilities[entry] * likely)
+    for state, action in np.ndindex(model.observation_row.shape):
+        row = state * model.n_actions + action
+        outcomes: dict[tuple[int, int, float], float] = defaultdict(float)
+        for entry in range(model.transitions.starts[row], model.transitions.starts[row + 1]):
+            arrived = model.transitions.columns[entry]
+            for symbol, likely in enumerate(seen[model.observation_row[arrived, action]]):
+                if likely:
+                    key = (file_state[arrived], symbol, float(model.rewards[entry]))
+                    outcomes[key] += float(model.transitions.probabilities[entry] * likely)
+        if state < len(states):
             found[state, action] = dict(outcomes)
+        elif not model.terminal[state]:
+            assert outcomes == found[file_state[state], action]
     return found
 
 

@@ -160,10 +160,11 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_rewards_for_observations_have_a_limit(path: Path) -> None:
-    head = "discount: 1 values: reward states: 1500 actions: 1 observations: 1500 start: 0 O : * uniform\n"
-    identity = "T : * identity R : * : * : * : 7 1"
-    refused(path, head + identity, None, "2,250,000 pairs of state and observation apart takes too many states")
-    refused(path, head + "T : * uniform R : * : * : * : 7 1", None, "depend on the observation in 3,375,000,000 cases")
+    head = "discount: 1 values: reward actions: 1 start: 0 O : * uniform R : * : * : * : 7 1\n"
+    many, few = "states: 1500 observations: 1500\n", "states: 30 observations: 1000\n"
+    refused(path, head + many + "T : * identity", None, "2,250,000 pairs .* takes as many more states, the limit is 2,")
+    refused(path, head + many + "T : * uniform", None, "depend on the observation in 3,375,000,000 cases")
+    refused(path, head + few + "T : * uniform", None, "30,000 pairs .* takes 900,000,000 more transitions")
 
 
 def test_the_discount_can_be_read_alone(path: Path) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import partial
 
 import pytest
 
@@ -11,24 +12,23 @@ from dpsearch.envs.maze4x3 import Maze4x3
 from dpsearch.envs.maze89 import Maze89
 from dpsearch.envs.shuttle import ShuttleDocking
 from dpsearch.envs.tabular import TabularTask
-from dpsearch.envs.tabular_env import TabularEnv
 from dpsearch.envs.tiger import Tiger
 from dpsearch.envs.tmaze import TMaze
 from dpsearch.report.returns import Metrics
 
-TASKS: dict[str, tuple[type[TabularEnv], dict[str, Any]]] = {
-    "tiger": (Tiger, {}),
-    "tiger, single": (Tiger, {"single": True}),
-    "shuttle": (ShuttleDocking, {}),
-    "maze4x3": (Maze4x3, {}),
-    "maze4x3, minus ends": (Maze4x3, {"minus_ends": True}),
-    "cheese": (CheeseMaze, {}),
-    "cheese, anywhere": (CheeseMaze, {"start": "anywhere", "bump_reward": 0.0}),
-    "tmaze 3": (TMaze, {"corridor_length": 3}),
-    "tmaze 5": (TMaze, {"corridor_length": 5}),
-    "tmaze 7": (TMaze, {"corridor_length": 7}),
-    "tmaze 10": (TMaze, {}),
-    "maze89": (Maze89, {}),
+TASKS: dict[str, Callable[[], TabularTask]] = {
+    "tiger": Tiger.make_task,
+    "tiger, single": partial(Tiger.make_task, single=True),
+    "shuttle": ShuttleDocking.make_task,
+    "maze4x3": Maze4x3.make_task,
+    "maze4x3, minus ends": partial(Maze4x3.make_task, minus_ends=True),
+    "cheese": CheeseMaze.make_task,
+    "cheese, anywhere": partial(CheeseMaze.make_task, start="anywhere", bump_reward=0.0),
+    "tmaze 3": partial(TMaze.make_task, corridor_length=3),
+    "tmaze 5": partial(TMaze.make_task, corridor_length=5),
+    "tmaze 7": partial(TMaze.make_task, corridor_length=7),
+    "tmaze 10": TMaze.make_task,
+    "maze89": Maze89.make_task,
 }
 
 # Return, reward per step, thesis metric, discounted return, steps
@@ -68,8 +68,7 @@ MEMORYLESS = {
 
 def task(name: str) -> TabularTask:
     """One of ``TASKS``."""
-    made, arguments = TASKS[name]
-    return made.make_task(**arguments)
+    return TASKS[name]()
 
 
 def values(metrics: Metrics) -> tuple[float, ...]:

@@ -2,6 +2,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dpsearch.envs.tabular import TabularPOMDP
 from dpsearch.report.agents import BeliefAgent, Controller, fully_observed
@@ -53,8 +54,9 @@ def test_beliefs_are_the_shares_of_states_among_episodes_that_look_alike(noisy_p
     agent = BeliefAgent(noisy_pomdp, lambda beliefs: beliefs.argmax(axis=1))
     states = rng.choice(noisy_pomdp.n_states, n, p=noisy_pomdp.start_distribution())
 
-    def drawn(rows: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        return (rows.cumsum(axis=1) <= rng.random((len(rows), 1))).sum(axis=1).clip(max=rows.shape[1] - 1)
+    def drawn(rows: NDArray[np.float64]) -> NDArray[np.int64]:
+        numbers: NDArray[np.int64] = (rows.cumsum(axis=1) <= rng.random((len(rows), 1))).sum(axis=1)
+        return numbers.clip(max=rows.shape[1] - 1)
 
     symbols = drawn(noisy_pomdp.first_observation_matrix()[states])
     history = symbols
@@ -82,3 +84,14 @@ def test_who_sees_the_state_plays_the_same_episodes(noisy_pomdp: TabularPOMDP) -
     seen = play(fully_observed(noisy_pomdp).task(20), always_seeing, 500, seed=3)
     np.testing.assert_array_equal(unseen.returns, seen.returns)
     np.testing.assert_array_equal(unseen.lengths, seen.lengths)
+
+
+def test_what_only_the_end_of_an_episode_shows_cannot_be_seen_before() -> None:
+    ends = TabularPOMDP.from_dense(
+        [[[0.5, 0.5], [0.0, 1.0]]], [[[1.0, 0.0], [0.0, 1.0]]], 0.0, [1.0, 0.0], terminal=[1], discount=0.9
+    )
+    agent = BeliefAgent(ends, lambda beliefs: beliefs.argmax(axis=1))
+    memory = agent.start(np.array([2, 2]))
+    np.testing.assert_array_equal(agent.update(memory, np.array([0, 0]), np.array([0, 0])), [[1, 0], [1, 0]])
+    with pytest.raises(ValueError, match="episode 1 cannot have gone on"):
+        agent.update(memory, np.array([0, 0]), np.array([0, 1]))
