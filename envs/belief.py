@@ -19,6 +19,7 @@ class BeliefFilter:
         self._moves = np.stack([pomdp.transition_matrix(action) for action in range(pomdp.n_actions)])  # (A, S, S)
         self._seen = np.stack([pomdp.observation_matrix(action) for action in range(pomdp.n_actions)])  # (A, S, Z)
         self._start = pomdp.start_distribution()
+        self._terminal = pomdp.terminal
         self._seen_first = pomdp.first_observation_matrix()
 
     def start(self, symbols: ArrayLike) -> NDArray[np.float64]:
@@ -29,31 +30,37 @@ class BeliefFilter:
         """
         return _normalised(self._start * self._seen_first.T[np.asarray(symbols)])
 
-    def update(self, beliefs: NDArray[np.float64], actions: ArrayLike, symbols: ArrayLike) -> NDArray[np.float64]:
+    def update(
+        self, beliefs: NDArray[np.float64], actions: ArrayLike, symbols: ArrayLike, ended: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
         """The beliefs after an action and what was seen then.
 
         Args:
             beliefs: ``(N, S)`` before.
             actions: ``(N,)`` taken.
             symbols: ``(N,)`` seen on arrival.
+            ended: ``(N,)`` bool, whether the episode ended there, which is knowledge too; None if that is not known.
 
         Returns:
             ``(N, S)``.
 
         Raises:
-            ValueError: If a symbol cannot be seen there.
+            ValueError: If a symbol cannot be seen there, or the episode cannot have ended or gone on.
         """
         chosen, seen = np.asarray(actions), np.asarray(symbols)
         arriving = np.empty_like(beliefs)
         for action in np.unique(chosen):  # one product for all that did the same
             rows = chosen == action
             arriving[rows] = beliefs[rows] @ self._moves[action]
-        return _normalised(arriving * self._seen[chosen, :, seen])
+        joint = arriving * self._seen[chosen, :, seen]
+        if ended is not None:
+            joint *= self._terminal == np.asarray(ended)[:, None]
+        return _normalised(joint)
 
 
 def _normalised(joint: NDArray[np.float64]) -> NDArray[np.float64]:
     total = joint.sum(axis=1, keepdims=True)
     if not (total > 0.0).all():
-        raise ValueError(f"what was seen in episode {np.argmin(total)} is impossible by the model")
+        raise ValueError(f"what was seen in episode {total.argmin()} is impossible by the model")
     beliefs: NDArray[np.float64] = joint / total
     return beliefs

@@ -120,9 +120,8 @@ class TabularEnv(KernelEnv):
         if self._belief is None or self.last_action is None:
             self._belief = self._filter.start([symbol])
             return
-        belief = self._filter.update(self._belief, [int(self.last_action)], [symbol])
-        belief *= self.pomdp.terminal == self.pomdp.terminal[state]  # whether the episode goes on is no secret
-        self._belief = belief / belief.sum()
+        ended = [self.pomdp.terminal[state]]  # that is no secret
+        self._belief = self._filter.update(self._belief, [int(self.last_action)], [symbol], ended)
 
     def moment(self) -> Moment:
         """What there is to be seen of the present moment, in an environment that has a render mode."""

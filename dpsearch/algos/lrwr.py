@@ -25,7 +25,7 @@ from torch import Tensor
 from typing_extensions import override
 
 from dpsearch.algos.base import Algorithm, Env, Metrics
-from dpsearch.algos.baselines import HistoryBaseline
+from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
@@ -117,9 +117,6 @@ class LRWR(Algorithm[LRWRConfig]):
             self.baseline = HistoryBaseline(
                 self.policy.observation_size,
                 self.policy.head,
-                optimizer="Adam",
-                learning_rate=0.01,
-                steps=5,
                 seed=stream_key(self.seed, BASELINE) >> 1,
             )
 
@@ -208,9 +205,12 @@ class LRWR(Algorithm[LRWRConfig]):
 
     @override
     def state_dict(self) -> dict[str, Any]:
-        return {**super().state_dict(), "tau": self.tau}
+        baseline = None if self.baseline is None else self.baseline.state_dict()
+        return {**super().state_dict(), "tau": self.tau, "baseline": baseline}
 
     @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
         super().load_state_dict(state)
         self.tau = state["tau"]
+        if self.baseline is not None:
+            self.baseline.load_state_dict(state["baseline"])

@@ -145,7 +145,7 @@ class RPG(Algorithm[RPGConfig]):
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         features, _ = self.policy.remember(observations, actions=actions)  # (T, N, H), one fused call
         outputs = self.policy.readout(features)  # (T, N, K)
-        baseline, loss = self.baseline(episodes, features, returns, mask)
+        baseline, loss = self.baseline(features, returns, mask)
         advantages = (returns - baseline) * mask  # (T, N)
         if config.normalise_advantages:
             scale = max(float(advantages[mask].std()), 1e-8)

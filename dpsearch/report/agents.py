@@ -142,13 +142,7 @@ class BeliefAgent:
         Raises:
             ValueError: If a symbol cannot be seen there in an episode that goes on.
         """
-        beliefs = self._filter.update(memory, actions, symbols)
-        beliefs[:, self.pomdp.terminal] = 0.0
-        left = beliefs.sum(axis=1, keepdims=True)
-        if not left.all():
-            raise ValueError(f"episode {left.argmin()} cannot have gone on with what was seen")
-        beliefs /= left
-        return beliefs
+        return self._filter.update(memory, actions, symbols, ended=np.zeros(len(symbols), np.bool_))
 
 
 def fully_observed(pomdp: TabularPOMDP) -> TabularPOMDP:

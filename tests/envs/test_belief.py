@@ -67,6 +67,15 @@ def test_beliefs_side_by_side_are_those_of_each_episode_alone(noisy_pomdp: Tabul
         np.testing.assert_allclose(alone[0], together[i], rtol=1e-14)
 
 
+def test_whether_an_episode_ended_is_knowledge_too(noisy_pomdp: TabularPOMDP) -> None:
+    beliefs = BeliefFilter(noisy_pomdp)
+    before, actions, symbols = np.full((2, 6), 1 / 6), [0, 0], [0, 0]
+    unknown = beliefs.update(before, actions, symbols)[0]
+    went_on, ended = beliefs.update(before, actions, symbols, [False, True])
+    np.testing.assert_allclose(went_on[:5], unknown[:5] / unknown[:5].sum())
+    np.testing.assert_array_equal(ended, np.eye(6)[5])
+
+
 def test_an_average_belief_is_right_about_the_state(noisy_pomdp: TabularPOMDP) -> None:
     """Of the states believed in with probability p, a share of p is where the agent is."""
     symbols, actions, states = episodes(noisy_pomdp, 20_000, 2)

@@ -24,12 +24,8 @@ def policies(env: str, core: str, **options: Any) -> tuple[RecurrentPolicy, Recu
     """One that sees its previous action, and one of the same weights for the environment that shows it."""
     plain = gym.make(env)
     config = PolicyConfig(core=core, hidden_size=5, init_range=1.0)
-    echo = RecurrentPolicy.for_spaces(
-        plain.observation_space,
-        plain.action_space,
-        PolicyConfig(**{**vars(config), "previous_action": True}),
-        **options,
-    )
+    echoing = replace(config, previous_action=True)
+    echo = RecurrentPolicy.for_spaces(plain.observation_space, plain.action_space, echoing, **options)
     shown = PreviousAction(plain)
     twin = RecurrentPolicy.for_spaces(shown.observation_space, plain.action_space, config, **options)
     twin.load_vector(echo.vector())

@@ -93,5 +93,5 @@ def test_what_only_the_end_of_an_episode_shows_cannot_be_seen_before() -> None:
     agent = BeliefAgent(ends, lambda beliefs: beliefs.argmax(axis=1))
     memory = agent.start(np.array([2, 2]))
     np.testing.assert_array_equal(agent.update(memory, np.array([0, 0]), np.array([0, 0])), [[1, 0], [1, 0]])
-    with pytest.raises(ValueError, match="episode 1 cannot have gone on"):
+    with pytest.raises(ValueError, match="episode 1 is impossible"):
         agent.update(memory, np.array([0, 0]), np.array([0, 1]))
