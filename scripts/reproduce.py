@@ -13,6 +13,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
@@ -20,8 +21,8 @@ from tqdm import tqdm
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python itself looks into scripts/ only
 
 from dpsearch.algos.checkpoint import versions
+from dpsearch.report.document import Document
 from dpsearch.report.provenance import command, machine
-from dpsearch.report.tables import Table
 from dpsearch.runs import RunError
 from scripts.arguments import at_least
 from scripts.experiments import EXPERIMENTS
@@ -37,17 +38,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     experiment = EXPERIMENTS[args.name]
     try:
         args.out.mkdir(parents=True, exist_ok=True)
-        if isinstance(experiment, Illustration):
-            page = experiment.make(args, how)
-            page.write(args.out)
-            print(page.markdown())
-        else:
-            print(_resumable(experiment, args, how).markdown())
+        make = experiment.make if isinstance(experiment, Illustration) else partial(_resumable, experiment)
+        page = make(args, how)
+        page.write(args.out)
+        print(page.markdown())
     except (OSError, RunError) as error:
         sys.exit(f"error: {error}")
 
 
-def _resumable(experiment: Experiment, args: Namespace, how: str) -> Table:
+def _resumable(experiment: Experiment, args: Namespace, how: str) -> Document:
     log = RunLog(args.out / f"{experiment.log or args.name}.runs.jsonl")
     try:
         return reproduce(experiment, args, log, how)
@@ -58,8 +57,8 @@ def _resumable(experiment: Experiment, args: Namespace, how: str) -> Table:
         sys.exit(f"error: a process was killed, perhaps for want of memory; {log.path} has what is done")
 
 
-def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) -> Table:
-    """The table, once all runs are made and the files are written.
+def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) -> Document:
+    """The page with the table, once all runs are made and the figure is drawn.
 
     Args:
         experiment: What to reproduce.
@@ -91,9 +90,8 @@ def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) ->
         sections=sections,
         **({} if experiment.extra is None else {"extra": experiment.extra(results)}),
     )
-    table.write(args.out)
     experiment.draw(args, results, args.out / f"{experiment.name}.png")
-    return table
+    return table.document()
 
 
 def make_runs(jobs: Sequence[Job], log: RunLog, processes: int, batch: int = 1) -> dict[Job, Outcome]:

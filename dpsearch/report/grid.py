@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
-from dpsearch.report.document import dump
 from dpsearch.report.tables import SUCCESS_RATE, Row, Table, number, percent
 
 Key = tuple[str, str]  # line and column
@@ -24,17 +21,11 @@ class Grid(Table):
         line: In which line a row stands.
         column: In which column.
         corner: Heading of the first column.
-        extra: What the JSON holds besides the rows.
     """
 
     line: Callable[[Row], str] = lambda row: row.task
     column: Callable[[Row], str] = lambda row: row.method
     corner: str = "task"
-    extra: Mapping[str, Any] = field(default_factory=dict)
-
-    def json(self) -> str:
-        """The results for machines."""
-        return dump({**json.loads(super().json()), **self.extra})
 
     def _lines(self, rows: Sequence[Row]) -> str:
         cells: dict[Key, dict[str, Row]] = {}

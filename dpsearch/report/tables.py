@@ -6,15 +6,13 @@ only those numbers that were given.
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
+from dpsearch.report.document import Document
 from dpsearch.report.statistics import Statistic, bootstrap_interval, success_interval
 
 SUCCESS_RATE = "success_rate"
@@ -107,6 +105,7 @@ class Table:
         words: For each metric, the heading of its column, in the order of the columns.
         statistic: What the intervals are of.
         sections: The rows.
+        extra: What the JSON holds besides the rows.
     """
 
     name: str
@@ -118,44 +117,27 @@ class Table:
     words: dict[str, str]
     statistic: Statistic
     sections: Sequence[Section]
+    extra: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def rows(self) -> list[Row]:
         """The rows of all sections."""
         return [row for section in self.sections for row in section.rows]
 
-    def json(self) -> str:
-        """The results for machines."""
-        content = {
-            "name": self.name,
-            "command": self.command,
-            "versions": self.versions,
-            "machine": self.machine,
-            "interval": f"95%, of the {self.statistic}",
-            "rows": [asdict(row) for row in self.rows],
-        }
-        return json.dumps(content, indent=1, allow_nan=False) + "\n"
-
-    def markdown(self) -> str:
-        """The results for people."""
-        versions = ", ".join(f"{name} {version}" for name, version in self.versions.items())
+    def document(self) -> Document:
+        """The page."""
         sections = [f"## {section.heading}\n\n{self._lines(section.rows)}" for section in self.sections]
-        parts = [
-            f"# {self.title}",
-            f"![{self.title}]({self.name}.png)",
-            self.text,
-            *sections,
-            f"```bash\n{self.command}\n```",
-            f"{self.machine}; {versions}.",
-        ]
-        return "\n\n".join(parts) + "\n"
-
-    def write(self, folder: Path) -> None:
-        """Write ``name.json`` and ``name.md``, each whole or not at all."""
-        for suffix, text in (("json", self.json()), ("md", self.markdown())):
-            beside = folder / f".{self.name}.{suffix}.part"
-            beside.write_text(text)
-            os.replace(beside, folder / f"{self.name}.{suffix}")
+        rows = [asdict(row) for row in self.rows]
+        return Document(
+            name=self.name,
+            title=self.title,
+            text="\n\n".join([self.text, *sections]),
+            content={"interval": f"95%, of the {self.statistic}", "rows": rows, **self.extra},
+            command=self.command,
+            versions=self.versions,
+            machine=self.machine,
+            figure=True,
+        )
 
     def _lines(self, rows: Sequence[Row]) -> str:
         """Rows as Markdown, with a column for each metric, and one for the thesis's numbers where it has any."""

@@ -26,7 +26,7 @@ def table(*rows: Row) -> Table:
 
 def lines(*rows: Row) -> list[list[str]]:
     """The cells of the table's lines."""
-    text = table(*rows).markdown().splitlines()
+    text = table(*rows).document().markdown().splitlines()
     return [[cell.strip() for cell in line.split("|")[1:-1]] for line in text if line.startswith("|")]
 
 
@@ -46,7 +46,7 @@ def test_a_row_of_no_runs_that_succeeded_has_no_numbers() -> None:
 
 
 def test_the_json_has_the_keys_that_were_agreed_on(tmp_path: Path) -> None:
-    table(BLANK.with_values([1.0], "mean")).write(tmp_path)
+    table(BLANK.with_values([1.0], "mean")).document().write(tmp_path)
     content = json.loads((tmp_path / "fig.json").read_text())
     assert {"name", "command", "versions", "rows"} <= content.keys()
     names = "task method network metric runs solved mean std median ci_low ci_high thesis"

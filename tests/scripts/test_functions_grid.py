@@ -36,7 +36,7 @@ def test_the_thesis_with_its_deviation_and_successes_follows_a_task() -> None:
     thesis = {"evaluations": 1304.0, "evaluations_std": 801.0, SUCCESS_RATE: 0.76}
     rows = cell("two poles", thesis).rows(OUTCOMES, ["evaluations"], "mean")
     rows += cell("one pole", {}).rows(OUTCOMES[:4], ["evaluations"], "mean")
-    lines = grid(rows).markdown().splitlines()
+    lines = grid(rows).document().markdown().splitlines()
     assert "| method | two poles | thesis | one pole |" in lines
     line = next(line for line in lines if line.startswith("| NES |"))
     assert "130 ± 25.8 [" in line
@@ -49,12 +49,12 @@ def test_the_thesis_with_its_deviation_and_successes_follows_a_task() -> None:
 
 def test_where_no_run_succeeds_the_grid_says_so() -> None:
     rows = cell("two poles", {}).rows([{"solved": 0}] * 3, ["evaluations"], "mean")
-    assert "| NES | – (0 of 3) |" in grid(rows).markdown()
+    assert "| NES | – (0 of 3) |" in grid(rows).document().markdown()
 
 
 def test_the_json_holds_the_rows_and_what_else_there_is_with_numbers_on_one_line() -> None:
     rows = cell("two poles", {}).rows(OUTCOMES, ["evaluations"], "mean")
-    text = grid(rows, extra={"curves": [{"median": [1.5, -2.0, 1e-10]}]}).json()
+    text = grid(rows, extra={"curves": [{"median": [1.5, -2.0, 1e-10]}]}).document().json()
     assert '"median": [1.5, -2.0, 1e-10]' in text
     content = json.loads(text)
     assert content.keys() == {"name", "command", "versions", "machine", "interval", "rows", "curves"}
