@@ -244,8 +244,9 @@ def register() -> None:
         for name, schema in schemas.items():
             node = OmegaConf.structured(schema)
             for key in node:
-                if OmegaConf.is_dict(node._get_node(key)):  # an argument of something: takes any keys
-                    OmegaConf.set_struct(node[key], False)
+                inner = node._get_node(key)
+                if isinstance(inner, DictConfig):  # an argument of something: takes any keys
+                    OmegaConf.set_struct(inner, False)
             store.store(group=group, name=f"{name}_schema", node=node)
 
 

@@ -14,7 +14,7 @@ its only teacher, so an action that was not tried in a batch cannot be learned f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -59,8 +59,8 @@ class LRWRConfig:
             far are then kept.
         max_epochs: Most epochs in one EM step. An epoch is one step along the gradient of the whole batch.
         optimizer: Name of a class in ``torch.optim``; it begins anew in each EM step.
-        learning_rate: Its step size, for the loss summed over an episode's steps and averaged over episodes by weight.
-        optimizer_options: Its other arguments.
+        learning_rate: Its step size, for the loss summed over all steps of the batch, by weight.
+        optimizer_options: Its other arguments; None is a momentum of 0.95 for SGD, and its own defaults for others.
     """
 
     batch_size: int = 30
@@ -75,7 +75,7 @@ class LRWRConfig:
     max_epochs: int = 100
     optimizer: str = "SGD"
     learning_rate: float = 0.002
-    optimizer_options: dict[str, Any] = field(default_factory=lambda: {"momentum": 0.95})
+    optimizer_options: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field if a value is out of range."""
@@ -119,6 +119,15 @@ class LRWR(Algorithm[LRWRConfig]):
                 self.policy.head,
                 seed=stream_key(self.seed, BASELINE) >> 1,
             )
+
+        self._make_optimizer()  # refused now if its options are wrong, not when it learns
+
+    def _make_optimizer(self) -> torch.optim.Optimizer:
+        config = self.config
+        options = config.optimizer_options
+        if options is None:
+            options = {"momentum": 0.95} if config.optimizer == "SGD" else {}
+        return make_optimizer(config.optimizer, self.parameters, config.learning_rate, options)
 
     def update(self) -> Metrics:
         """One EM step: play a batch, imitate its best episodes, adapt tau (algorithm 6.1)."""
@@ -176,7 +185,7 @@ class LRWR(Algorithm[LRWRConfig]):
         held = np.arange(len(episodes)) >= len(episodes) - n_held
         weights = torch.from_numpy((utilities * episodes.mask).astype(np.float32))
         train = weights[:, ~held]
-        optimizer = make_optimizer(config.optimizer, self.parameters, config.learning_rate, config.optimizer_options)
+        optimizer = self._make_optimizer()
         best, best_loss, since = self.policy.vector(), math.inf, 0
         for epoch in range(config.max_epochs):
             outputs, _ = self.policy(observations, actions=actions)  # (T, N, K)

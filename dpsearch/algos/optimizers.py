@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from inspect import signature
 from typing import Any
 
 import torch
@@ -27,6 +28,13 @@ def make_optimizer(
         parameters: What it adjusts.
         learning_rate: Its step size.
         options: Its other arguments.
+
+    Raises:
+        ValueError: If it does not take these arguments.
     """
-    optimizer: torch.optim.Optimizer = getattr(torch.optim, name)(parameters, lr=learning_rate, **options)
+    try:
+        optimizer: torch.optim.Optimizer = getattr(torch.optim, name)(parameters, lr=learning_rate, **options)
+    except (TypeError, ValueError) as error:
+        known = ", ".join(sorted(set(signature(getattr(torch.optim, name)).parameters) - {"params", "lr"}))
+        raise ValueError(f"optimizer_options do not fit {name}, which takes {known}: {error}") from error
     return optimizer
