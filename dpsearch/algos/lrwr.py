@@ -50,7 +50,9 @@ class LRWRConfig:
         baseline: ``"none"``: an episode's utility counts for all of its steps. ``"history"``: each step has a utility
             of its own, by how much better than expected the return from there on was; what to expect, a second LSTM
             learns (section 6.4).
-        tau: How steeply exponential utility rises at first, per unit of return.
+        tau: How steeply exponential utility rises at first, per unit of return (thesis: 1); None for what equation 6.4
+            gives if all episodes of the first batch count alike. With 1, and returns from -100 to 10, a single lucky
+            episode would be all there is to imitate.
         adapt_tau: Adapt it after each EM step, equation 6.4.
         loss: ``"likelihood"``: weighted log-likelihood, what section 6.2.4 derives. ``"squared"``: squared error of the
             probabilities, as algorithm 6.1 approximates it.
@@ -67,7 +69,7 @@ class LRWRConfig:
     gamma: float = 0.98
     utility: str = "exponential"
     baseline: str = "none"
-    tau: float = 1.0
+    tau: float | None = None
     adapt_tau: bool = True
     loss: str = "likelihood"
     held_out: float = 1.0 / 3.0
@@ -86,7 +88,7 @@ class LRWRConfig:
                 "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
                 "utility": (self.utility in UTILITIES, f"one of {', '.join(UTILITIES)}"),
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
-                "tau": (0.0 < self.tau < math.inf, "positive and finite"),
+                "tau": (self.tau is None or 0.0 < self.tau < math.inf, "positive and finite, or null"),
                 "loss": (self.loss in LOSSES, f"one of {', '.join(LOSSES)}"),
                 "held_out": (0.0 <= self.held_out < 1.0, "in [0, 1)"),
                 "patience": (self.patience >= 1, "at least 1"),
@@ -101,7 +103,7 @@ class LRWR(Algorithm[LRWRConfig]):
     """Episodic logistic reward-weighted regression; see ``Algorithm`` for the arguments.
 
     Attributes:
-        tau: How steeply utility rises now.
+        tau: How steeply utility rises now; None before the first batch.
     """
 
     name = "lrwr"
@@ -135,11 +137,12 @@ class LRWR(Algorithm[LRWRConfig]):
         episodes = self.play_batch(self.config.batch_size)
         sampled = perf_counter()
         gains, steps = self._gains(episodes)  # (M,), of M episodes or steps, and which of them each step is, (T, N)
-        utilities = self.utilities(gains)  # (M,)
+        if self.tau is None:
+            self.tau = adapted_tau(gains, np.ones(len(gains))) or 1.0
+        utilities = self.utilities(gains, self.tau)  # (M,)
         epochs = self.imitate(episodes, utilities[steps])
         if self.config.adapt_tau:
-            above = utilities * (gains - gains.min())  # so that tau stays positive when returns are negative
-            self.tau = float(utilities.sum() / above.sum()) if above.sum() > 0.0 else self.tau  # (6.4)
+            self.tau = adapted_tau(gains, utilities) or self.tau
         self.updates += 1
         return {
             "return": float(episodes.returns.mean()),
@@ -161,10 +164,10 @@ class LRWR(Algorithm[LRWRConfig]):
         self.baseline.learn(episodes, returns, mask)
         return (returns - expected)[mask].astype(np.float64), np.cumsum(mask).reshape(mask.shape) - 1
 
-    def utilities(self, gains: NDArray[np.float64]) -> NDArray[np.float64]:
+    def utilities(self, gains: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
         """How much each episode or step counts, by its gain ``(M,)``: in [0, 1], the best one 1 (equation 6.2)."""
         if self.config.utility == "exponential":
-            weights: NDArray[np.float64] = np.exp(self.tau * (gains - gains.max()))
+            weights: NDArray[np.float64] = np.exp(tau * (gains - gains.max()))
             return weights
         ranks = np.searchsorted(np.sort(gains), gains, side="right") / len(gains)  # equals share the best rank
         return np.maximum(2.0 * ranks - 1.0, 0.0)
@@ -223,3 +226,9 @@ class LRWR(Algorithm[LRWRConfig]):
         self.tau = state["tau"]
         if self.baseline is not None:
             self.baseline.load_state_dict(state["baseline"])
+
+
+def adapted_tau(gains: NDArray[np.float64], utilities: NDArray[np.float64]) -> float | None:
+    """Equation 6.4, with the least gain for 0, so that tau is positive; None if all gains ``(M,)`` are alike."""
+    above = float((utilities * (gains - gains.min())).sum())
+    return float(utilities.sum()) / above if above > 0.0 else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
+from typing import cast
 
 from matplotlib.axes import Axes
 from matplotlib.ticker import PercentFormatter
@@ -22,7 +23,7 @@ def draw_shares(args: Namespace, results: Results, path: Path) -> None:
     size = (10.0, rows * (0.9 + 0.26 * len(lines)))
     with figure(path, [1] * rows, columns=COLUMNS, size=size) as panels:
         for panel, task in zip(panels.flat, args.tasks, strict=False):
-            axes: Axes = panel
+            axes = cast(Axes, panel)
             for cell, outcomes in zip(results.cells, results.outcomes, strict=True):
                 if cell.task != task.label:
                     continue
