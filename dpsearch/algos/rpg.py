@@ -18,12 +18,15 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from dpsearch.algos.base import Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
 from dpsearch.rollout import Episodes
+
+SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
 
 
 @dataclass
@@ -35,6 +38,7 @@ class RPGConfig:
         gamma: Discount factor of the returns R_t, in (0, 1].
         optimizer: Name of a class in ``torch.optim`` (those in ``OPTIMIZERS``).
         learning_rate: Its step size alpha.
+        learning_rate_halflife: Updates after which alpha has fallen to half; None keeps it.
         optimizer_options: Its other arguments, such as ``{momentum: 0.9}``.
         gradient_length: Length that the gradient is normalised to before the step; None leaves it as it is.
         baseline: ``"constant"``: b is the mean of all R_t of the last ``baseline_episodes`` episodes (section 3.3.2).
@@ -46,8 +50,12 @@ class RPGConfig:
         batch_steps: If given, a batch has as many episodes as it takes to play about this many environment steps,
             judged by the mean length in the batch before (``batch_size`` is the least, 64 times that the most), so
             that the long episodes of an unskilled policy do not use up the time.
-        normalise_advantages: Divide R_t - b by its standard deviation over the batch, so that ``entropy_bonus`` means
-            the same on every task.
+        trace: Lambda of the generalised advantage estimate (Schulman et al., ICLR 2016), in [0, 1]: 1 weights
+            eligibilities by R_t - b as in section 3.3.2; less trusts the baseline for what comes later, which is less
+            noisy and, as far as the baseline is wrong, biased.
+        normalise_advantages: Divide advantages by their root mean square over recent batches, so that learning rate and
+            ``entropy_bonus`` mean the same on every task. A batch is not scaled by itself alone: that would make rare
+            disasters count for little.
         entropy_bonus: Weight of the policy's entropy, summed over an episode's steps, beside its return: keeps a policy
             from settling before it has tried enough.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
@@ -59,12 +67,14 @@ class RPGConfig:
     gamma: float = 0.98
     optimizer: str = "SGD"
     learning_rate: float = 1.0
+    learning_rate_halflife: float | None = None
     optimizer_options: dict[str, Any] = field(default_factory=dict)
     gradient_length: float | None = 0.3
     baseline: str = "constant"
     baseline_episodes: int = 100
     baseline_weight: float = 0.1
     batch_steps: int | None = None
+    trace: float = 1.0
     normalise_advantages: bool = False
     entropy_bonus: float = 0.0
     entropy_halflife: float | None = None
@@ -78,16 +88,22 @@ class RPGConfig:
                 "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 1, "a whole number, at least 1"),
                 "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
-                "gradient_length": (self.gradient_length is None or self.gradient_length > 0.0, "positive or null"),
+                "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
+                "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
+                "gradient_length": (_positive(self.gradient_length), "positive or null"),
                 "baseline": (self.baseline in ("constant", "shared"), "'constant' or 'shared'"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
                 "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
                 "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
-                "entropy_halflife": (self.entropy_halflife is None or self.entropy_halflife > 0.0, "positive or null"),
+                "entropy_halflife": (_positive(self.entropy_halflife), "positive or null"),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
         )
+
+
+def _positive(value: float | None) -> bool:
+    return value is None or value > 0.0
 
 
 class RPG(Algorithm[RPGConfig]):
@@ -111,6 +127,7 @@ class RPG(Algorithm[RPGConfig]):
             self.config.optimizer, self.parameters, self.config.learning_rate, self.config.optimizer_options
         )
         self.batch_size = self.config.batch_size
+        self._mean_square = 0.0  # of the advantages, a moving average over batches
 
     def update(self) -> Metrics:
         """Play a batch, ascend its gradient (section 3.3.3), and say how it went."""
@@ -122,6 +139,8 @@ class RPG(Algorithm[RPGConfig]):
         entropy = self.backpropagate(episodes)
         length = self._normalise_gradient()
         backpropagated = perf_counter()
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.config.learning_rate * self._halved(self.config.learning_rate_halflife)
         self.optimizer.step()
         self.updates += 1
         if self.config.batch_steps is not None:
@@ -146,16 +165,15 @@ class RPG(Algorithm[RPGConfig]):
         features, _ = self.policy.remember(observations, actions=actions)  # (T, N, H), one fused call
         outputs = self.policy.readout(features)  # (T, N, K)
         baseline, loss = self.baseline(features, returns, mask)
-        advantages = (returns - baseline) * mask  # (T, N)
+        advantages = self._advantages(episodes, (returns - baseline) * mask)  # (T, N)
         if config.normalise_advantages:
-            scale = max(float(advantages[mask].std()), 1e-8)
-            advantages /= scale
+            scale = self._running_scale(advantages[mask])
+            advantages = advantages / scale
             loss = None if loss is None else loss / scale**2
         weights = advantages / -len(episodes)  # minus, as optimisers descend
         bonus = None
         if config.entropy_bonus > 0.0:
-            halvings = 0.0 if config.entropy_halflife is None else self.updates / config.entropy_halflife
-            strength = config.entropy_bonus * 0.5**halvings / -len(episodes)
+            strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -len(episodes)
             bonus = torch.from_numpy(mask * np.float32(strength))
         seen = outputs.detach()
         if not mask.all():  # what the policy would do on padding must not matter
@@ -167,6 +185,24 @@ class RPG(Algorithm[RPGConfig]):
         else:
             torch.autograd.backward((outputs, loss / len(episodes)), (eligibilities, None))
         return float((entropy.numpy() * mask).sum()) / episodes.steps
+
+    def _advantages(self, episodes: Episodes, surprises: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Generalised advantage estimates from R_t - b ``(T, N)``, which they are for a trace of 1."""
+        gamma, trace = self.config.gamma, self.config.trace
+        if trace == 1.0:
+            return surprises
+        errors = surprises.copy()
+        errors[:-1] -= gamma * surprises[1:]  # r_t + gamma b(h_t+1) - b(h_t)
+        return episodes.discounted(errors, gamma * trace)
+
+    def _running_scale(self, advantages: NDArray[np.float32]) -> float:
+        """Root mean square of the advantages ``(M,)`` of this batch and, less and less, those before."""
+        self._mean_square += (1.0 - SCALE_MEMORY) * (float(np.square(advantages).mean()) - self._mean_square)
+        return max(math.sqrt(self._mean_square / (1.0 - SCALE_MEMORY ** (self.updates + 1))), 1e-8)
+
+    def _halved(self, halflife: float | None) -> float:
+        """What is left of something at this update."""
+        return 1.0 if halflife is None else 0.5 ** (self.updates / halflife)
 
     def _normalise_gradient(self) -> float:
         """Scale the gradient to the length asked for; returns the length it had."""
@@ -187,6 +223,7 @@ class RPG(Algorithm[RPGConfig]):
             "optimizer": self.optimizer.state_dict(),
             "baseline": self.baseline.state_dict(),
             "batch_size": self.batch_size,
+            "mean_square": self._mean_square,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -195,3 +232,4 @@ class RPG(Algorithm[RPGConfig]):
         self.optimizer.load_state_dict(state["optimizer"])
         self.baseline.load_state_dict(state["baseline"])
         self.batch_size = state["batch_size"]
+        self._mean_square = state["mean_square"]

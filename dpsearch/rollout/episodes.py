@@ -14,13 +14,13 @@ from numpy.typing import NDArray
     cache=True,
     nogil=True,
 )
-def _discount(rewards, lengths, gamma, returns):  # type: ignore[no-untyped-def]
+def _discount(values, lengths, factor, sums):  # type: ignore[no-untyped-def]
     carried = np.zeros(lengths.shape[0])
-    for t in range(rewards.shape[0] - 1, -1, -1):
+    for t in range(values.shape[0] - 1, -1, -1):
         for b in range(lengths.shape[0]):
             if t < lengths[b]:
-                carried[b] = rewards[t, b] + gamma * carried[b]
-                returns[t, b] = carried[b]
+                carried[b] = values[t, b] + factor * carried[b]
+                sums[t, b] = carried[b]
 
 
 @njit(
@@ -74,6 +74,10 @@ class Episodes:
 
     def returns_to_go(self, gamma: float) -> NDArray[np.float32]:
         """R_t, the discounted return from step t on, ``(T, B)``; zero beyond an episode's end (section 2.1)."""
-        returns = np.zeros_like(self.rewards)
-        _discount(self.rewards, self.lengths, gamma, returns)
-        return returns
+        return self.discounted(self.rewards, gamma)
+
+    def discounted(self, values: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
+        """Of values ``(T, B)``, sum_k factor^k values[t + k] to an episode's end, ``(T, B)``; zero beyond it."""
+        sums = np.zeros_like(values)
+        _discount(np.ascontiguousarray(values), self.lengths, factor, sums)
+        return sums

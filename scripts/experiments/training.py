@@ -26,6 +26,8 @@ from scripts.experiments.jobs import Outcome
 LATER = {
     "readout": True,
     "previous_action": False,
+    "learning_rate_halflife": None,
+    "trace": 1.0,
     "normalise_advantages": False,
     "entropy_bonus": 0.0,
     "entropy_halflife": None,
