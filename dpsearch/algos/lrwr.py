@@ -122,7 +122,8 @@ class LRWR(Algorithm[LRWRConfig]):
                 seed=stream_key(self.seed, BASELINE) >> 1,
             )
 
-        self._make_optimizer()  # refused now if its options are wrong, not when it learns
+        self._make_optimizer()  # refused now if its options are wrong, not when it learns; the loss likewise
+        self._losses(torch.zeros(1, self.policy.head.n_outputs), torch.zeros(1, self.policy.head.action_size))
 
     def _make_optimizer(self) -> torch.optim.Optimizer:
         config = self.config

@@ -18,13 +18,7 @@ from dpsearch.algos.baselines import Baseline, ConstantBaseline
 from dpsearch.envs.tmaze import TMaze
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import CompiledRollouts, Episodes
-
-HORIZON = 4  # steps of the small POMDP: all 2 * 4**4 histories can be listed
-
-
-def small_rpg(**settings: Any) -> RPG:
-    policy = PolicyConfig(hidden_size=3, init_range=0.7)
-    return RPG(TMaze(corridor_length=1, max_episode_steps=HORIZON), policy=policy, **{"gamma": 1.0, **settings})
+from tests.algos.makers import HORIZON, gradients, small_rpg
 
 
 def histories() -> list[Episodes]:
@@ -93,12 +87,6 @@ class Fixed(Baseline):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         pass
-
-
-def gradients(rpg: RPG) -> NDArray[np.float64]:
-    found = [p.grad.numpy().ravel() for p in rpg.parameters if p.grad is not None]
-    assert len(found) == len(rpg.parameters)
-    return np.concatenate(found).astype(np.float64)
 
 
 def gradient_of(rpg: RPG, episodes: Episodes, baseline: float = 0.0) -> NDArray[np.float64]:
@@ -294,7 +282,13 @@ def test_any_torch_optimiser_learns(optimizer: str) -> None:
     assert rpg.evaluate(200).mean_return > before + 1.0
 
 
-@pytest.mark.parametrize("settings", [{}, {"baseline": "shared", "batch_steps": 150}])
+FADING: dict[str, Any] = {"entropy_bonus": 0.1, "entropy_halflife": 5.0, "learning_rate_halflife": 9.0}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"baseline": "shared", "batch_steps": 150}, {"normalise_advantages": True, "trace": 0.9, **FADING}],
+)
 def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
     settings = {"optimizer": "Adam", "learning_rate": 0.01, **settings}
     one, other = small_rpg(**settings), small_rpg(**settings)
@@ -318,6 +312,10 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
         ("optimizer", "LBFGS"),
         ("learning_rate", float("inf")),
         ("batch_size", 2.5),
+        ("trace", 1.1),
+        ("entropy_bonus", -0.1),
+        ("entropy_halflife", 0.0),
+        ("learning_rate_halflife", -1.0),
     ],
 )
 def test_a_setting_out_of_range_is_named(setting: str, value: Any) -> None:

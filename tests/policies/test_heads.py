@@ -51,11 +51,14 @@ def test_a_gaussian_head_has_a_linear_mean_and_a_sigmoid_deviation() -> None:
 def test_eligibilities_are_the_derivatives_of_the_log_probability(head: Head, dtype: torch.dtype, error: float) -> None:
     outputs = normal(*SHAPE, head.n_outputs)
     actions = head.sample(outputs, uniform(*SHAPE, head.draws))
-    weights = normal(*SHAPE, seed=1)
+    weights, bonus = normal(*SHAPE, seed=1), normal(*SHAPE, seed=2)
     outputs.requires_grad_()
     (expected,) = torch.autograd.grad(head.log_prob(outputs, actions), outputs, weights)
+    (of_entropy,) = torch.autograd.grad(head.entropy(outputs), outputs, bonus)
     found, entropy = head.eligibilities(outputs.to(dtype), actions.to(dtype), weights.to(dtype))
     torch.testing.assert_close(found.double(), expected, rtol=error, atol=error)
+    both, _ = head.eligibilities(outputs.to(dtype), actions.to(dtype), weights.to(dtype), bonus.to(dtype))
+    torch.testing.assert_close(both.double(), expected + of_entropy, rtol=error, atol=error)
     torch.testing.assert_close(entropy.double(), head.entropy(outputs.detach()), rtol=error, atol=error)
 
 
@@ -71,10 +74,11 @@ def test_eligibilities_of_a_softmax_are_finite_however_far_apart_its_outputs(out
 def test_scaled_eligibilities_are_the_others_times_the_variance() -> None:
     head, outputs, weights = Gaussian(2), normal(*SHAPE, 4), normal(*SHAPE, seed=1)
     actions = head.sample(outputs, uniform(*SHAPE, 4))
-    scaled, entropy = head.scaled_eligibilities(outputs, actions, weights)
-    plain, _ = head.eligibilities(outputs, actions, weights)
     variance = torch.sigmoid(outputs[..., 2:]).square()
-    torch.testing.assert_close(scaled, plain * torch.cat((variance, variance), -1))
+    for bonus in (None, normal(*SHAPE, seed=2)):
+        scaled, entropy = head.scaled_eligibilities(outputs, actions, weights, bonus)
+        plain, _ = head.eligibilities(outputs, actions, weights, bonus)
+        torch.testing.assert_close(scaled, plain * torch.cat((variance, variance), -1))
     torch.testing.assert_close(entropy, head.entropy(outputs))
 
 
@@ -146,3 +150,20 @@ def test_a_head_without_actions_is_refused() -> None:
     for head in (Gaussian, Deterministic):
         with pytest.raises(ValueError, match="at least one"):
             head(0)
+
+
+def test_squared_error_is_the_distance_of_the_probabilities_from_certainty() -> None:
+    head, outputs = Categorical([2, 3]), normal(*SHAPE, 5)
+    actions = head.sample(outputs, uniform(*SHAPE, 2))
+    p = torch.cat([outputs[..., :2].softmax(-1), outputs[..., 2:].softmax(-1)], -1)
+    torch.testing.assert_close(head.squared_error(outputs, actions), (head.echo(actions) - p).square().sum(-1))
+    with pytest.raises(TypeError, match="discrete"):
+        Gaussian(1).squared_error(torch.zeros(1, 2), torch.zeros(1, 1))
+
+
+def test_an_action_is_shown_one_hot_if_it_is_discrete_and_as_it_is_if_not() -> None:
+    head = Categorical([2, 3])
+    assert head.echo(torch.tensor([1.0, 2.0])).tolist() == [0, 1, 0, 0, 1]
+    assert head.echo_size == 5
+    assert Gaussian(2).echo(torch.tensor([0.3, -4.0])).tolist() == pytest.approx([0.3, -4.0])
+    assert (Gaussian(2).echo_size, Deterministic(3).echo_size) == (2, 3)

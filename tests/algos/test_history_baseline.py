@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+
+from dpsearch.algos.history_baseline import HistoryBaseline
+from dpsearch.policies import PolicyConfig, RecurrentPolicy
+from dpsearch.rollout import Episodes, make_rollouts
+
+ROLLOUTS = make_rollouts("dpsearch.envs:dpsearch/TMaze-v0", env_kwargs={"corridor_length": 4})
+POLICY = RecurrentPolicy.for_spaces(ROLLOUTS.observation_space, ROLLOUTS.action_space, PolicyConfig())
+
+
+def episodes(n: int, key: int = 1) -> Episodes:
+    return ROLLOUTS.collect(POLICY, n, key=key)
+
+
+def baseline(steps: int = 1) -> HistoryBaseline:
+    return HistoryBaseline(POLICY.observation_size, POLICY.head, steps=steps)
+
+
+def learned(batches: int) -> HistoryBaseline:
+    trained = baseline(steps=20)
+    for key in range(batches):
+        played = episodes(50, key)
+        trained.learn(played, played.returns_to_go(0.98), played.mask)
+    return trained
+
+
+def test_it_learns_what_to_expect_at_each_step_of_episodes_it_has_not_seen() -> None:
+    played = episodes(300, key=99)
+    returns, mask = played.returns_to_go(0.98), played.mask
+    error = (returns - learned(10).expected(played))[mask]
+    assert error.var() < 0.96 * returns[mask].var()  # most of it is luck; no constant would be below 1
+
+
+def test_what_it_expects_does_not_depend_on_the_action_taken_then_or_later() -> None:
+    played, trained = episodes(5), learned(2)
+    expected = trained.expected(played)
+    t = int(played.lengths.min()) // 2
+    changed = Episodes(**{**vars(played), "actions": played.actions.copy()})
+    changed.actions[t:] = 3 - changed.actions[t:]
+    after = trained.expected(changed)
+    np.testing.assert_array_equal(after[: t + 1], expected[: t + 1])
+    assert (after[t + 1] != expected[t + 1]).any()
+
+
+def test_the_size_of_returns_does_not_matter() -> None:
+    played = episodes(40)
+    returns, mask = played.returns_to_go(0.98), played.mask
+    small, large = baseline(), baseline()
+    for _ in range(10):
+        small.learn(played, returns, mask)
+        large.learn(played, 1000 * returns, mask)
+    np.testing.assert_allclose(large.expected(played)[mask], 1000 * small.expected(played)[mask], rtol=1e-2, atol=5.0)
+
+
+def test_state_goes_on_bit_for_bit() -> None:
+    played = episodes(20)
+    returns, mask = played.returns_to_go(0.98), played.mask
+    whole, copy = learned(2), baseline(steps=20)
+    copy.load_state_dict(deepcopy(whole.state_dict()))
+    for each in (whole, copy):
+        each.learn(played, returns, mask)
+    np.testing.assert_array_equal(whole.expected(played), copy.expected(played))

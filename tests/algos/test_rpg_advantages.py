@@ -1,0 +1,74 @@
+"""What RPG can do to advantages, and the entropy bonus beside them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from tests.algos.makers import gradients, small_rpg
+
+
+def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades() -> None:
+    rpg = small_rpg(batch_size=30, entropy_bonus=0.4, entropy_halflife=2.0, baseline_episodes=0)
+    episodes = rpg.play_batch(30)
+    with_bonus = []
+    for updates in (0, 2):
+        rpg.updates = updates
+        rpg.optimizer.zero_grad()
+        rpg.backpropagate(episodes)
+        with_bonus.append(gradients(rpg))
+    plain = small_rpg(batch_size=30, baseline_episodes=0)
+    plain.play_batch(30)  # the same episodes
+    plain.backpropagate(episodes)
+    mask = torch.from_numpy(episodes.mask)
+    outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
+    rpg.optimizer.zero_grad()
+    (-(rpg.policy.head.entropy(outputs) * mask).sum() / 30).backward()
+    for bonus, both in zip((0.4, 0.2), with_bonus, strict=True):
+        np.testing.assert_allclose(both, gradients(plain) + bonus * gradients(rpg), rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("trace", [0.0, 0.7, 1.0])
+def test_advantages_are_sums_of_one_step_errors(trace: float) -> None:
+    rpg = small_rpg(trace=trace, gamma=0.9)
+    episodes = rpg.play_batch(6)
+    random, mask = np.random.default_rng(0), episodes.mask
+    expected = (random.normal(size=mask.shape) * mask).astype(np.float32)
+    surprises = (episodes.returns_to_go(0.9) - expected) * mask
+    advantages = rpg._advantages(episodes, surprises)
+    for n in range(6):
+        length, rewards, b = episodes.lengths[n], episodes.rewards[:, n], np.append(expected[:, n], 0.0)
+        errors = [rewards[t] + 0.9 * (b[t + 1] if t + 1 < length else 0.0) - b[t] for t in range(length)]
+        sums = [sum((0.9 * trace) ** k * errors[t + k] for k in range(length - t)) for t in range(length)]
+        np.testing.assert_allclose(advantages[:length, n], sums, rtol=1e-3, atol=1e-4)
+        assert not advantages[length:, n].any()
+
+
+def test_advantages_are_scaled_over_many_batches_so_that_a_disaster_stays_large() -> None:
+    rpg = small_rpg(normalise_advantages=True)
+    calm, disaster = np.full(10, 0.5, np.float32), np.full(10, -100.0, np.float32)
+    assert rpg._running_scale(calm) == pytest.approx(0.5)
+    for rpg.updates in range(1, 200):
+        rpg._running_scale(calm)
+    rpg.updates += 1
+    assert 10.0 < rpg._running_scale(disaster) < 20.0  # by itself it would be 100
+
+
+def test_a_task_in_other_units_is_learned_alike_when_advantages_are_scaled() -> None:
+    """Only then: the gradient of the first batch is the same."""
+    gradients_of = []
+    for factor in (1.0, 1000.0):
+        rpg = small_rpg(normalise_advantages=True, entropy_bonus=0.1, baseline_episodes=0)
+        episodes = rpg.play_batch(20)
+        rpg.backpropagate(dataclasses.replace(episodes, rewards=np.float32(factor) * episodes.rewards))
+        gradients_of.append(gradients(rpg))
+    first, second = gradients_of
+    np.testing.assert_allclose(first, second, rtol=1e-3, atol=1e-6)
+
+
+def test_the_learning_rate_halves() -> None:
+    rpg = small_rpg(learning_rate=0.8, learning_rate_halflife=3.0).learn(total_updates=7)
+    assert rpg.optimizer.param_groups[0]["lr"] == pytest.approx(0.8 / 4)
