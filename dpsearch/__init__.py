@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from dpsearch.algos.lrwr import LRWR as LRWR
+    from dpsearch.algos.lrwr import LRWRConfig as LRWRConfig
     from dpsearch.algos.policy_search import CMAESPolicySearch as CMAESPolicySearch
     from dpsearch.algos.policy_search import FEMPolicySearch as FEMPolicySearch
     from dpsearch.algos.policy_search import NESPolicySearch as NESPolicySearch
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
 # Public name -> the module it comes from: the imports above, for the interpreter.
 _HOMES = {
+    "LRWR": "dpsearch.algos.lrwr",
+    "LRWRConfig": "dpsearch.algos.lrwr",
     "CMAESPolicySearch": "dpsearch.algos.policy_search",
     "FEMPolicySearch": "dpsearch.algos.policy_search",
     "NESPolicySearch": "dpsearch.algos.policy_search",
@@ -41,9 +45,11 @@ _HOMES = {
 }
 
 __all__ = [
+    "LRWR",
     "RPG",
     "CMAESPolicySearch",
     "FEMPolicySearch",
+    "LRWRConfig",
     "NESPolicySearch",
     "PolicyConfig",
     "PolicyRunner",

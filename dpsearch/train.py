@@ -94,7 +94,7 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
             directory.write_config(config)  # the limits may be new
             print(f"{algorithm.name} on {recipe.id}, seed {algorithm.seed}: {directory.path}", file=sys.stderr)
             outcome = run.learn() or run.finish(settings.evaluation_episodes)
-    except (FloatingPointError, OSError) as error:  # OSError: the disk is full
+    except (FloatingPointError, MemoryError, OSError) as error:  # OSError: the disk is full
         raise RunError(f"{error}; the run so far is in {directory.path}") from error
     if isinstance(outcome, Signals):
         resume = _command(f"resume={directory.path}")
@@ -147,24 +147,12 @@ def _algorithm(
     """The algorithm as the checkpoint has it, or a new one."""
     if resumed is not None and resumed.has_begun:
         return kind.load(resumed.checkpoint, env=rollouts)
-    _check_optimizer(settings.algo)
     try:
         return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed)
     except (UnsupportedSpaceError, ValueError, TypeError) as error:
         sections = {"policy": settings.policy, "algo": settings.algo}
         keys = {key.name: f"{section}." for section, values in sections.items() for key in fields(values)}
         raise RunError(keys.get(str(error).partition(" ")[0], "") + str(error)) from error
-
-
-def _check_optimizer(algo: Any) -> None:
-    """Try the optimizer's options, if the algorithm takes any: what PyTorch says of them does not name the key."""
-    options = getattr(algo, "optimizer_options", {})
-    if not options:
-        return
-    try:
-        getattr(torch.optim, algo.optimizer)([torch.nn.Parameter(torch.zeros(1))], lr=algo.learning_rate, **options)
-    except (TypeError, ValueError) as error:
-        raise RunError(f"algo.optimizer_options: {error}") from error
 
 
 def _hyperparameters(config: DictConfig) -> dict[str, Any]:

@@ -149,6 +149,12 @@ class Algorithm(ABC, Generic[ConfigT]):
         """Evaluations of a policy: an algorithm that learns from episodes judges it by each of them."""
         return self.episodes
 
+    @property
+    def nothing_is_random(self) -> bool:
+        """Whether all episodes of one policy are alike, as far as one can tell: nothing draws a number."""
+        kernel = getattr(self.rollouts, "kernel", None)
+        return kernel is not None and kernel.draws == 0 and self.policy.head.draws == 0
+
     @abstractmethod
     def update(self) -> Metrics:
         """One iteration: play, learn, count. Returns scalars to log."""
@@ -239,7 +245,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         """
         episodes = self.rollouts.collect(
             self.policy,
-            n_episodes,
+            1 if self.nothing_is_random else n_episodes,  # all would be alike
             key=self.evaluation_key,
             first_episode=self.updates << 24,
             greedy=deterministic,
@@ -247,7 +253,8 @@ class Algorithm(ABC, Generic[ConfigT]):
         )
         if not np.isfinite(episodes.returns).all():
             raise FloatingPointError("the environment paid a reward that is NaN or infinite in an evaluation episode")
-        return Evaluation(episodes.returns, episodes.lengths)
+        alike = n_episodes // len(episodes)
+        return Evaluation(np.tile(episodes.returns, alike), np.tile(episodes.lengths, alike))
 
     def predict(
         self,

@@ -97,9 +97,7 @@ class PolicySearch(Algorithm[ConfigT]):
     def __init__(self, env: Env, config: ConfigT | None = None, **options: Any) -> None:
         super().__init__(env, config, **options)
         self.search = self._make_search()
-        kernel = getattr(self.rollouts, "kernel", None)
-        self._all_equal = kernel is not None and kernel.draws == 0 and self.policy.head.draws == 0  # nothing is random
-        automatic = "best" if self._all_equal else "mean"
+        automatic = "best" if self.nothing_is_random else "mean"
         self._choice = automatic if self.config.choice == "auto" else self.config.choice
         self._incumbent = 0  # the evaluation that found the weights in self.policy, if the choice is the best
         self._rejected = 0  # the incumbent that was last found not to solve the task
@@ -172,7 +170,7 @@ class PolicySearch(Algorithm[ConfigT]):
             return super().check_solved()
         if self.search.best.fitness < threshold or self._rejected == self._incumbent:
             return False
-        if self.solving_return(1 if self._all_equal else RECENT_EPISODES) >= threshold:
+        if self.solving_return(1 if self.nothing_is_random else RECENT_EPISODES) >= threshold:
             return True
         self._rejected = self._incumbent
         return False

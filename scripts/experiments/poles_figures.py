@@ -12,14 +12,17 @@ from scripts.experiments.experiment import Results
 def draw_evaluations(args: Namespace, results: Results, path: Path) -> None:
     """A panel for each task: every run that succeeded, the quartiles, and what the thesis or others report."""
     tasks = list(dict.fromkeys(cell.task for cell in results.cells))
-    lines = list(dict.fromkeys(row.method for row in results.rows))
-    with figure(path, [1] * len(tasks), size=(8.0, 1.0 + len(tasks) * (0.7 + 0.34 * len(lines)))) as panels:
+    methods = list(dict.fromkeys(row.method for row in results.rows))
+    found = {task: {row.method for row in results.rows if row.task == task} for task in tasks}
+    heights = [0.7 + 0.34 * len(found[task]) for task in tasks]
+    with figure(path, heights, size=(8.0, 1.0 + sum(heights))) as panels:
         for axes, task in zip(panels[:, 0], tasks, strict=True):
+            lines = [method for method in methods if method in found[task]]
             for cell, outcomes in zip(results.cells, results.outcomes, strict=True):
                 if cell.task != task:
                     continue
                 place = lines.index(cell.method.label)
-                colour = COLOURS[place % len(COLOURS)]
+                colour = COLOURS[methods.index(cell.method.label) % len(COLOURS)]
                 values = [outcome["evaluations"] for outcome in outcomes if outcome["solved"]]
                 if values:
                     axes.plot(values, [place] * len(values), "|", color=colour, alpha=0.35, markersize=9)

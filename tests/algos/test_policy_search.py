@@ -14,8 +14,8 @@ from omegaconf import OmegaConf
 from dpsearch.algos import ALGORITHMS, NESPolicySearch, PolicySearch, SNESPolicySearch, XNESPolicySearch
 from dpsearch.algos.policy_search import NESConfig
 from dpsearch.envs import DoublePoleHidden
-from dpsearch.policies import PolicyConfig
-from dpsearch.rollout import make_rollouts
+from dpsearch.policies import PolicyConfig, RecurrentPolicy
+from dpsearch.rollout import Episodes, make_rollouts
 from dpsearch.search import SEARCHES, Restarts
 from dpsearch.search.fem import THESIS
 from tests.rollout.toy_envs import Countdown
@@ -218,3 +218,21 @@ def test_the_625_starts_are_a_harder_test_than_the_usual_one() -> None:
     algorithm = XNESPolicySearch(DoublePoleHidden, seed=0).learn(until_solved=True, total_episodes=3000)
     assert algorithm.solved
     assert 0 < generalisation_test(algorithm.policy) < 625
+
+
+def test_where_nothing_is_random_one_episode_says_it_all() -> None:
+    search = XNESPolicySearch("dpsearch/DoublePole-v0", max_episode_steps=50)
+    played: list[int] = []
+    collect = search.rollouts.collect
+
+    def counted(policy: RecurrentPolicy, n_episodes: int, **options: Any) -> Episodes:
+        played.append(n_episodes)
+        return collect(policy, n_episodes, **options)
+
+    search.rollouts.collect = counted  # type: ignore[method-assign]
+    evaluation = search.evaluate(7)
+    assert (played, len(evaluation.returns), evaluation.standard_error) == ([1], 7, 0.0)
+    assert not XNESPolicySearch(
+        "dpsearch/DoublePole-v0", env_kwargs={"start_state": "generalisation"}
+    ).nothing_is_random
+    assert not XNESPolicySearch("dpsearch/TMaze-v0").nothing_is_random
