@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import override
 
 from dpsearch.envs.distributions import Distributions, by_row, row_starts
 from dpsearch.envs.tabular_kernel import pack
@@ -365,6 +366,13 @@ class TabularTask(Task):
     """
 
     pomdp: TabularPOMDP
+
+    @override
+    def threshold(self, limit: int) -> float | None:
+        """That of the task; where episodes have no end of their own, in proportion to the steps they last."""
+        if self.reward_threshold is None or self.pomdp.terminal.any():
+            return self.reward_threshold
+        return self.reward_threshold * limit / self.max_episode_steps
 
 
 def _require_shape(name: str, array: NDArray[np.generic], shape: tuple[int, ...]) -> None:

@@ -18,6 +18,7 @@ from dpsearch.envs.tiger import (
     TigerVector,
     tiger_pomdp,
 )
+from dpsearch.rollout import make_rollouts
 from tests.envs.exact import Machine, machine, play
 from tests.envs.twin import require_same
 
@@ -192,3 +193,8 @@ def test_single_must_be_true_or_false(single: Any) -> None:
     for make in (Tiger, TigerVector, lambda single: gym.make(ID, single=single)):
         with pytest.raises(ValueError, match=f"single must be True or False, got {single!r}"):
             make(single=single)
+
+
+def test_a_shorter_episode_is_solved_with_as_much_a_step() -> None:
+    assert make_rollouts(ID, max_episode_steps=10).reward_threshold == 8.0
+    assert make_rollouts(ID, env_kwargs={"single": True}, max_episode_steps=10).reward_threshold == 2.0
