@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
@@ -100,7 +100,9 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         resume = _command(f"resume={directory.path}")
         print(f"{outcome.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)
         sys.exit(128 + outcome)
-    print(_report(directory, outcome))
+    with closing(recipe.make()) as env:
+        drawable = "rgb_array" in env.metadata.get("render_modes", ())
+    print(_report(directory, outcome, drawable))
 
 
 def _saved(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> tuple[DictConfig, dict[str, str]]:
@@ -167,7 +169,7 @@ def _command(argument: str) -> str:
     return f"{program} {shlex.quote(argument)}"
 
 
-def _report(directory: RunDirectory, summary: dict[str, Any]) -> str:
+def _report(directory: RunDirectory, summary: dict[str, Any], drawable: bool) -> str:
     """What a finished run says in the end."""
     threshold, path = summary["reward_threshold"], shlex.quote(str(directory.path))
     achieved = [
@@ -181,7 +183,7 @@ def _report(directory: RunDirectory, summary: dict[str, Any]) -> str:
             f"{summary['updates']:,} updates, {summary['episodes']:,} episodes, "
             f"{summary['env_steps']:,} environment steps in {summary['wall_time_s']:.1f} s",
             f"mean return of {summary['evaluation_episodes']} episodes: {', '.join(achieved)}",
-            f"watch it:   dpsearch-evaluate {path} --render",
+            *([f"watch it:   dpsearch-evaluate {path} --render"] if drawable else []),
             f"see curves: tensorboard --logdir {path}",
         ]
     )

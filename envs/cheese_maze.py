@@ -102,7 +102,9 @@ def cheese_maze_pomdp(start: str = "dead_ends", bump_reward: float = -1.0) -> Ta
 def threshold(bump_reward: float) -> float | None:
     """What counts as solved: the cheese always found, and a wall met in one episode of ten.
 
-    There is no such return unless walls cost something: whoever walks at random finds the cheese in the end.
+    There is no such return unless walls cost something: whoever walks at random finds the cheese in the end. To reach
+    it takes no memory, only care: a policy that walks about at random between walls gets there after 20 steps. Memory
+    makes it 6, which the discounted return tells: 0.168 instead of 0.026.
     """
     return FOUND + 0.1 * bump_reward if bump_reward < 0.0 else None
 

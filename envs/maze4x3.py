@@ -17,7 +17,7 @@
   sides, at ``+``, at ``-``.
 - *Rewards:* 1 for a step that ends in ``+``, -1 for one that ends in ``-``, even if it began there, else -0.04.
 - *End:* in ``+``, with ``minus_ends=True`` also in ``-``, or after 100 steps.
-- *Optimum:* 0.763, or 0.698 with ``minus_ends=True``. Random actions earn -1.96, or -1.10.
+- *Optimum:* 0.762, or 0.698 with ``minus_ends=True``. Random actions earn -1.96, or -1.10.
 
 Sources: R. Parr and S. Russell, "Approximating optimal policies for partially observable stochastic domains", IJCAI
 1995; the thesis, section 6.3.4.

@@ -64,7 +64,7 @@ class Comments:
             end = match.start()
             key, _, text = match[1].partition(" ")
             if key not in KEYS:
-                raise source.error_in_line(f"unknown key {key!r} after {MARK} known are {', '.join(KEYS)}", line)
+                raise source.error_in_line(f"unknown key {key!r} after {MARK!r}, known are {', '.join(KEYS)}", line)
             try:
                 items = json.loads(text)
             except (ValueError, RecursionError) as error:

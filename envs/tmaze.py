@@ -16,7 +16,7 @@
 - *Observations:* sign up, sign down, corridor or junction. By default three bits, as Bakker has them: sign up
   ``0 1 1``, sign down ``1 1 0``, corridor ``1 0 1``, junction ``0 1 0``; one-hot on request.
 - *Rewards:* -0.1 for walking into a wall, and the agent stays. At the junction, north or south earns 4 where
-  the sign pointed, and -0.1 otherwise. All else earns 0.
+  the sign pointed, and -0.1 otherwise (``wrong_turn_reward``). All else earns 0.
 - *End:* north or south at the junction; or the limit of max(1000, 10 (N + 1)) steps.
 - *Optimum:* 4 in N + 1 steps. Without memory half of the turns are wrong: 1.95.
 
@@ -136,6 +136,7 @@ class TMaze(TabularEnv):
     Attributes:
         corridor_length: N.
         encoding: How symbols become inputs.
+        wrong_turn_reward: For the turn against the sign.
 
     Raises:
         ValueError: If an argument is none of these.
@@ -154,6 +155,7 @@ class TMaze(TabularEnv):
         super().__init__(task, render_mode, reveal)
         self.corridor_length = corridor_length
         self.encoding = encoding
+        self.wrong_turn_reward = wrong_turn_reward
 
     @classmethod
     def make_task(

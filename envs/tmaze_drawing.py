@@ -87,7 +87,8 @@ class _View:
         if self.arm is not None and not self.sign_is_known:
             return Message(f"The agent turned {self.arm}.")
         if self.arm is not None:
-            verdict, color = ("right", palette.GREEN) if self.arm == self.goal else ("wrong", palette.RED)
+            paid = self._paid(self.arm) == max(self._paid("north"), self._paid("south"))
+            verdict, color = ("right", palette.GREEN) if paid else ("wrong", palette.RED)
             outcome = f"{verdict}, {self.prize(self.arm)}"
             return Message(f"The sign pointed {self.sign}, the agent turned {self.arm}: {outcome}.", color)
         if self.moment.step >= self.moment.max_steps:

@@ -51,6 +51,7 @@ def test_any_gymnasium_environment_is_described_by_its_arguments() -> None:
 def test_options_of_an_optimizer_need_no_plus_sign() -> None:
     config = composed("algo.optimizer_options.momentum=0.9")
     assert config.algo.optimizer_options == {"momentum": 0.9}
+    assert composed("algo=lrwr", "algo.optimizer_options={momentum: 0.9}").algo.optimizer_options == {"momentum": 0.9}
 
 
 @pytest.mark.parametrize("name", ["SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"])

@@ -278,6 +278,7 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("algo.optimizer=Bogus", r"algo\.optimizer must be one of"),
         ("algo.optimizer_options.bogus=1", r"algo\.optimizer_options .*bogus"),
         ("algo.optimizer_options={momentum:foo}", r"algo\.optimizer_options "),
+        ("algo=lrwr algo.optimizer_options={bogus:1}", r"algo\.optimizer_options .*bogus"),
         ("algo.optimizer_options={lr:1}", r"algo\.optimizer_options .*'lr'"),
         ("algo.variance_scaled=true", r"algo\.variance_scaled needs a Gaussian policy"),
         ("policy.core=bogus", r"policy\.core must be"),

@@ -53,13 +53,14 @@ class LRWRConfig:
         tau: How steeply exponential utility rises at first, per unit of return (thesis: 1); None for what equation 6.4
             gives if all episodes of the first batch count alike. With 1, and returns from -100 to 10, a single lucky
             episode would be all there is to imitate.
-        adapt_tau: Adapt it after each EM step, equation 6.4.
+        adapt_tau: Adapt it after each EM step, equation 6.4. Utility by rank has no use for tau.
         loss: ``"likelihood"``: weighted log-likelihood, what section 6.2.4 derives. ``"squared"``: squared error of the
             probabilities, as algorithm 6.1 approximates it.
         held_out: Part of a batch that is not trained on but says when to stop, in [0, 1); 0 trains ``max_epochs``.
-        patience: Epochs without improvement on the held-out episodes after which training ends; the best weights so
-            far are then kept.
-        max_epochs: Most epochs in one EM step. An epoch is one step along the gradient of the whole batch.
+        patience: Epochs without improvement on the held-out episodes after which training ends, and the best weights so
+            far are put back.
+        max_epochs: Most epochs in one EM step; the weights are then the last ones. An epoch is one step along the
+            gradient of the whole batch.
         optimizer: Name of a class in ``torch.optim``; it begins anew in each EM step.
         learning_rate: Its step size, for the loss summed over all steps of the batch, by weight.
         optimizer_options: Its other arguments; None is a momentum of 0.95 for SGD, and its own defaults for others.
@@ -77,7 +78,7 @@ class LRWRConfig:
     max_epochs: int = 100
     optimizer: str = "SGD"
     learning_rate: float = 0.002
-    optimizer_options: dict[str, Any] | None = None
+    optimizer_options: Any = None  # a dict: OmegaConf cannot merge one into an optional one
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field if a value is out of range."""
@@ -91,8 +92,8 @@ class LRWRConfig:
                 "tau": (self.tau is None or 0.0 < self.tau < math.inf, "positive and finite, or null"),
                 "loss": (self.loss in LOSSES, f"one of {', '.join(LOSSES)}"),
                 "held_out": (0.0 <= self.held_out < 1.0, "in [0, 1)"),
-                "patience": (self.patience >= 1, "at least 1"),
-                "max_epochs": (self.max_epochs >= 1, "at least 1"),
+                "patience": (isinstance(self.patience, int) and self.patience >= 1, "a whole number, at least 1"),
+                "max_epochs": (isinstance(self.max_epochs, int) and self.max_epochs >= 1, "a whole number, at least 1"),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
             },
@@ -185,7 +186,7 @@ class LRWR(Algorithm[LRWRConfig]):
         """
         config = self.config
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
-        n_held = round(config.held_out * len(episodes))  # episodes are alike in distribution: the last ones will do
+        n_held = min(round(config.held_out * len(episodes)), len(episodes) - 1)  # the last ones: all are alike
         held = np.arange(len(episodes)) >= len(episodes) - n_held
         weights = torch.from_numpy((utilities * episodes.mask).astype(np.float32))
         train = weights[:, ~held]
@@ -194,16 +195,19 @@ class LRWR(Algorithm[LRWRConfig]):
         for epoch in range(config.max_epochs):
             outputs, _ = self.policy(observations, actions=actions)  # (T, N, K)
             if n_held:
-                loss = float((self._losses(outputs[:, held].detach(), actions[:, held]) * weights[:, held]).sum())
-                if loss < best_loss:
-                    best, best_loss, since = self.policy.vector(), loss, 0
+                unseen = float((self._losses(outputs[:, held].detach(), actions[:, held]) * weights[:, held]).sum())
+                if unseen < best_loss:
+                    best, best_loss, since = self.policy.vector(), unseen, 0
                 else:
                     since += 1
                 if since >= config.patience:
                     self.policy.load_vector(best)
                     return epoch
             optimizer.zero_grad()
-            (self._losses(outputs[:, ~held], actions[:, ~held]) * train).sum().backward()
+            loss = (self._losses(outputs[:, ~held], actions[:, ~held]) * train).sum()
+            if not torch.isfinite(loss):
+                raise FloatingPointError(f"the loss of update {self.updates} is not finite: the steps are too large")
+            loss.backward()
             optimizer.step()
         return config.max_epochs
 

@@ -97,7 +97,7 @@ class Head(ABC):
         Raises:
             TypeError: If actions are not discrete.
         """
-        raise TypeError(f"a squared error needs discrete actions, this policy's head is {type(self).__name__}")
+        raise TypeError(f"loss=squared needs discrete actions, this policy's head is {type(self).__name__}")
 
 
 class Categorical(Head):

@@ -95,6 +95,19 @@ def test_training_that_does_not_generalise_is_undone() -> None:
     np.testing.assert_array_equal(lrwr.policy.vector(), before)
 
 
+def test_a_loss_that_is_not_finite_stops_the_run() -> None:
+    with pytest.raises(FloatingPointError, match="update 0 is not finite"):
+        LRWR(TMAZE, learning_rate=1e38, held_out=0.0).learn(total_updates=1)
+
+
+def test_there_is_always_an_episode_to_train_on() -> None:
+    lrwr = LRWR(TMAZE, batch_size=2, held_out=0.9)
+    before = lrwr.policy.vector()
+    episodes = lrwr.play_batch(2)
+    lrwr.imitate(episodes, np.ones(episodes.mask.shape))
+    assert (lrwr.policy.vector() != before).any()
+
+
 def test_held_out_episodes_are_not_trained_on() -> None:
     lrwr, other = (LRWR(TMAZE, batch_size=30, patience=9, max_epochs=3, learning_rate=1e-4) for _ in range(2))
     episodes = lrwr.play_batch(30)
@@ -172,7 +185,7 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
     ("setting", "value"),
     [
         ("batch_size", 1), ("gamma", 0.0), ("utility", "linear"), ("baseline", "shared"), ("tau", 0.0), ("loss", "l1"),
-        ("held_out", 1.0), ("patience", 0), ("max_epochs", 0), ("optimizer", "Sgd"), ("learning_rate", np.inf),
+        ("held_out", 1.0), ("patience", 0), ("max_epochs", 2.5), ("optimizer", "Sgd"), ("learning_rate", np.inf),
     ],
 )  # fmt: skip
 def test_a_setting_out_of_range_is_named(setting: str, value: Any) -> None:

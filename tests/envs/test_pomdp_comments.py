@@ -71,7 +71,7 @@ def refused(tmp_path: Path, content: str, line: int | None, message: str) -> Non
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("bogus", "[1]", "unknown key 'bogus' after #dpsearch: known are state_names, action_names"),
+        ("bogus", "[1]", "unknown key 'bogus' after '#dpsearch:', known are state_names, action_names"),
         ("terminal", "[1, ", "#dpsearch: terminal must be followed by a list in JSON: "),
         ("terminal", "[" * 100_000, "must be followed by a list in JSON: "),
         ("terminal", "{}", "must be followed by a list in JSON$"),
