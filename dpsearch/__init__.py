@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 # Public name -> the module it comes from: the imports above, for the interpreter.
 _HOMES = {
-    "LRWR": "dpsearch.algos.lrwr",
-    "LRWRConfig": "dpsearch.algos.lrwr",
     "CMAESPolicySearch": "dpsearch.algos.policy_search",
     "FEMPolicySearch": "dpsearch.algos.policy_search",
+    "LRWR": "dpsearch.algos.lrwr",
+    "LRWRConfig": "dpsearch.algos.lrwr",
     "NESPolicySearch": "dpsearch.algos.policy_search",
-    "SNESPolicySearch": "dpsearch.algos.policy_search",
-    "XNESPolicySearch": "dpsearch.algos.policy_search",
-    "RPG": "dpsearch.algos.rpg",
-    "RPGConfig": "dpsearch.algos.rpg",
     "PolicyConfig": "dpsearch.policies",
     "PolicyRunner": "dpsearch.policies",
+    "RPG": "dpsearch.algos.rpg",
+    "RPGConfig": "dpsearch.algos.rpg",
     "RecurrentPolicy": "dpsearch.policies",
+    "SNESPolicySearch": "dpsearch.algos.policy_search",
+    "XNESPolicySearch": "dpsearch.algos.policy_search",
     "generalisation_test": "dpsearch.rollout.generalisation",
     "make_rollouts": "dpsearch.rollout",
 }

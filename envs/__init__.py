@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 # Public name -> the module it comes from: the imports above, for the interpreter.
 _HOMES = {
+    "BeliefFilter": "dpsearch.envs.belief",
     "CheeseMaze": "dpsearch.envs.cheese_maze",
     "DoublePole": "dpsearch.envs.poles",
     "DoublePoleHidden": "dpsearch.envs.poles",
@@ -56,7 +57,6 @@ _HOMES = {
     "SinglePole": "dpsearch.envs.poles",
     "SinglePoleHidden": "dpsearch.envs.poles",
     "TMaze": "dpsearch.envs.tmaze",
-    "BeliefFilter": "dpsearch.envs.belief",
     "TabularEnv": "dpsearch.envs.tabular_env",
     "TabularPOMDP": "dpsearch.envs.tabular",
     "Task": "dpsearch.envs.task",

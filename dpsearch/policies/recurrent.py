@@ -186,7 +186,7 @@ class RecurrentPolicy(nn.Module):
             last action if that was not given.
         """
         if not self.echo_size:
-            return self._core(observations, state)
+            return self._run_core(observations, state)
         steps, width = observations.shape[:2]
         echoes = observations.new_zeros(steps + 1, width, self.echo_size)
         if actions is not None:
@@ -195,10 +195,10 @@ class RecurrentPolicy(nn.Module):
             raise ValueError("a policy that sees its previous action needs the actions of an episode")
         if state is not None:
             echoes[0], state = state[:, -self.echo_size :], state[:, : -self.echo_size]
-        features, after = self._core(torch.cat((observations, echoes[:-1]), -1), state)
+        features, after = self._run_core(torch.cat((observations, echoes[:-1]), -1), state)
         return features, torch.cat((after, echoes[-1]), -1)
 
-    def _core(self, inputs: Tensor, state: Tensor | None) -> tuple[Tensor, Tensor]:
+    def _run_core(self, inputs: Tensor, state: Tensor | None) -> tuple[Tensor, Tensor]:
         n = self.hidden_size
         if isinstance(self.core, nn.LSTM):
             before = None if state is None else (state[None, :, :n].contiguous(), state[None, :, n:].contiguous())
