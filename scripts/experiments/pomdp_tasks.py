@@ -20,6 +20,7 @@ from dpsearch.report.point_based import point_based
 from dpsearch.report.returns import Metrics
 
 EPISODES = 20_000  # of policies whose metrics are not computed exactly
+GOAL = 0.98
 UNDISCOUNTED = 0.9999  # instead of 1, for which the solver has no solution
 
 
@@ -43,7 +44,7 @@ class PomdpTask:
     overrides: tuple[str, ...]
     task: Callable[[], TabularTask] = field(compare=False)
     batch: int = 30
-    goal: float = 0.98
+    goal: float = GOAL
 
     @property
     def episodes(self) -> int:

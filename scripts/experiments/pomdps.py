@@ -19,7 +19,7 @@ from dpsearch.report.tables import SUCCESS_RATE, Row, Section
 from scripts.experiments.experiment import Cell, Experiment, Method
 from scripts.experiments.jobs import Outcome
 from scripts.experiments.pomdp_figures import draw_shares
-from scripts.experiments.pomdp_tasks import BEHIND, TASKS, TEXT, PomdpTask, named, yardsticks
+from scripts.experiments.pomdp_tasks import BEHIND, GOAL, TASKS, TEXT, PomdpTask, named, yardsticks
 from scripts.experiments.training import compose
 
 ROLLOUTS, CHUNK = 1_000, 100  # that judge a policy, and how many are kept in memory at a time
@@ -164,26 +164,47 @@ def cells(args: Namespace) -> list[Cell]:
 
 
 def sections(args: Namespace, rows: list[Row]) -> list[Section]:
-    """A section for the part of the way to the optimum, one for the runs that went far enough, and one a metric."""
+    """How far towards the optimum, and each metric, for the text's tasks and for those behind the thesis's numbers."""
+    groups = (("", TEXT), (", in the tasks behind the thesis's numbers", BEHIND))
+    chosen = [(words, [task for task in group if task in args.tasks]) for words, group in groups]
+    return [section for words, tasks in chosen if tasks for section in _sections(args, rows, tasks, words)]
+
+
+def _sections(args: Namespace, rows: list[Row], tasks: list[PomdpTask], words: str) -> list[Section]:
+    labels = [task.label for task in tasks]
+    order = [method.label for method in args.methods]
     by_metric: dict[str, list[Row]] = {}
     for row in rows:
         kind, _, metric = row.metric.partition("_")
-        if kind in (SAMPLED, GREEDY):
+        if kind in (SAMPLED, GREEDY) and row.task in labels:
             method = row.method if kind == SAMPLED else f"{row.method}, greedy"
             by_metric.setdefault(metric, []).append(replace(row, method=method, metric=metric))
     for own in by_metric.values():
-        own.sort(key=lambda row: [method.label for method in args.methods].index(row.method.removesuffix(", greedy")))
+        own.sort(key=lambda row: order.index(row.method.removesuffix(", greedy")))
     reached = [
         replace(row, metric=SUCCESS_RATE, std=None).with_successes(round(row.mean * row.runs))
         for row in by_metric[REACHED]
         if row.mean is not None and row.runs is not None
     ]
+    exceptions = "".join(f", {task.goal:.0%} in {task.label.lower()}" for task in tasks if task.goal != GOAL)
+    took = [row for row in rows if row.metric == CORE_SECONDS and row.task in labels]
     return [
-        Section("Part of the way from the random to the optimal policy, by discounted return", by_metric[SHARE]),
-        Section("Runs that went 98% of the way (95% in shuttle docking)", reached),
-        *(Section(title, [*known(args.tasks, metric), *by_metric[metric]]) for metric, title in METRICS.items()),
-        Section("Core-seconds of a run", [row for row in rows if row.metric == CORE_SECONDS]),
+        Section(
+            f"Percent of the way from the random to the optimal policy, by discounted return{words}",
+            [_in_percent(row) for row in by_metric[SHARE]],
+        ),
+        Section(f"Runs that went at least {GOAL:.0%} of the way{exceptions}{words}", reached),
+        *(Section(f"{title}{words}", [*known(tasks, metric), *by_metric[metric]]) for metric, title in METRICS.items()),
+        Section(f"Core-seconds of a run{words}", took),
     ]
+
+
+def _in_percent(row: Row) -> Row:
+    """A part, as the percentage it is, to two decimals."""
+    numbers = ("mean", "std", "median", "ci_low", "ci_high")
+    return replace(
+        row, **{name: round(100.0 * getattr(row, name), 2) for name in numbers if getattr(row, name) is not None}
+    )
 
 
 def known(tasks: Sequence[PomdpTask], metric: str) -> list[Row]:
