@@ -21,6 +21,7 @@ from dpsearch.report.returns import Metrics
 
 EPISODES = 20_000  # of policies whose metrics are not computed exactly
 GOAL = 0.98
+ROLLOUTS, MORE_ROLLOUTS = 1_000, 10_000  # that judge a learned policy
 UNDISCOUNTED = 0.9999  # instead of 1, for which the solver has no solution
 
 
@@ -36,6 +37,7 @@ class PomdpTask:
         task: Makes it.
         batch: Episodes that LRWR plays in an EM step (section 6.3.6).
         goal: Part of the way from random to optimal that a run is to go.
+        rollouts: Episodes that judge a policy: more where one tells little of it.
     """
 
     name: str
@@ -45,6 +47,7 @@ class PomdpTask:
     task: Callable[[], TabularTask] = field(compare=False)
     batch: int = 30
     goal: float = GOAL
+    rollouts: int = ROLLOUTS
 
     @property
     def episodes(self) -> int:
@@ -66,13 +69,18 @@ def _corridor(length: int, *, either: bool = False) -> PomdpTask:
 
 TIGER = PomdpTask("tiger", "Tiger", "tiger", (), Tiger.make_task)
 SHUTTLE = PomdpTask("shuttle", "Shuttle docking", "shuttle", (), ShuttleDocking.make_task, goal=0.95)
-MAZE4X3 = PomdpTask("maze4x3", "4x3 maze", "maze4x3", (), Maze4x3.make_task)
+MAZE4X3 = PomdpTask("maze4x3", "4x3 maze", "maze4x3", (), Maze4x3.make_task, rollouts=MORE_ROLLOUTS)
 CHEESE = PomdpTask("cheese", "Cheese maze", "cheese", (), CheeseMaze.make_task, batch=75)
 TEXT = (TIGER, SHUTTLE, MAZE4X3, CHEESE, _corridor(3), _corridor(5), _corridor(7))
 """The tasks as the thesis describes them."""
 
 SINGLE = PomdpTask(
-    "tiger_single", "Tiger, one door", "tiger", ("env.single=true",), partial(Tiger.make_task, single=True)
+    "tiger_single",
+    "Tiger, one door",
+    "tiger",
+    ("env.single=true",),
+    partial(Tiger.make_task, single=True),
+    rollouts=MORE_ROLLOUTS,
 )
 ANYWHERE = PomdpTask(
     "cheese_anywhere",
@@ -81,6 +89,7 @@ ANYWHERE = PomdpTask(
     ("env.start=anywhere", "env.bump_reward=0.0"),
     partial(CheeseMaze.make_task, start="anywhere", bump_reward=0.0),
     batch=75,
+    rollouts=MORE_ROLLOUTS,
 )
 BEHIND = (SINGLE, ANYWHERE, _corridor(3, either=True), _corridor(5, either=True), _corridor(7, either=True))
 """The tasks that the thesis's numbers belong to, where they are others."""

@@ -50,7 +50,7 @@ def test_every_method_has_settings_for_every_task_and_the_thesis_s_numbers() -> 
 def test_a_policy_is_judged_by_all_metrics() -> None:
     algorithm = RPG("dpsearch/Tiger-v0", policy=PolicyConfig(init_range=0.0))  # all actions equally likely
     known = yardsticks("tiger").random
-    found = judged(algorithm, 0.75, greedy=False)
+    found = judged(algorithm, 0.75, 1000, greedy=False)
     for metric in ("episode_return", "reward_per_step", "thesis_metric", "discounted_return"):
         estimate = getattr(found, metric)
         assert abs(estimate.value - getattr(known, metric).value) < 4 * estimate.standard_error
