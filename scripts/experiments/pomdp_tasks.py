@@ -80,7 +80,6 @@ SINGLE = PomdpTask(
     "tiger",
     ("env.single=true",),
     partial(Tiger.make_task, single=True),
-    rollouts=MORE_ROLLOUTS,
 )
 ANYWHERE = PomdpTask(
     "cheese_anywhere",
@@ -89,7 +88,6 @@ ANYWHERE = PomdpTask(
     ("env.start=anywhere", "env.bump_reward=0.0"),
     partial(CheeseMaze.make_task, start="anywhere", bump_reward=0.0),
     batch=75,
-    rollouts=MORE_ROLLOUTS,
 )
 BEHIND = (SINGLE, ANYWHERE, _corridor(3, either=True), _corridor(5, either=True), _corridor(7, either=True))
 """The tasks that the thesis's numbers belong to, where they are others."""
