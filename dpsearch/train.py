@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
@@ -100,9 +100,7 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         resume = _command(f"resume={directory.path}")
         print(f"{outcome.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)
         sys.exit(128 + outcome)
-    with closing(recipe.make()) as env:
-        drawable = "rgb_array" in env.metadata.get("render_modes", ())
-    print(_report(directory, outcome, drawable))
+    print(_report(directory, outcome, recipe.drawable))
 
 
 def _saved(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> tuple[DictConfig, dict[str, str]]:

@@ -129,3 +129,9 @@ def row_starts(sorted_rows: NDArray[np.int64], n_rows: int) -> NDArray[np.int64]
     starts = np.zeros(n_rows + 1, np.int64)
     np.cumsum(np.bincount(sorted_rows, minlength=n_rows), out=starts[1:])
     return starts
+
+
+def expanded(first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The numbers ``first .. first + count - 1`` of every pair, and which pair each is from."""
+    pair = np.repeat(np.arange(len(count)), count)
+    return first[pair] + np.arange(len(pair)) - (np.cumsum(count) - count)[pair], pair

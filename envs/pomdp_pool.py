@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dpsearch.envs.distributions import Distributions, row_starts
+from dpsearch.envs.distributions import Distributions, expanded, row_starts
 
 _AGREEMENT = 1e-9  # two numbers that were meant to be the same may differ so much, absolutely or relatively
 
@@ -84,12 +84,6 @@ def disagreement(one: Distributions, other: Distributions) -> int | None:
     if differs.any():
         return int(np.searchsorted(one.starts, np.argmax(differs), side="right")) - 1
     return int(np.argmax(lengths)) if lengths.any() else None
-
-
-def expanded(first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The numbers ``first .. first + count - 1`` of every pair, and which pair each is from."""
-    pair = np.repeat(np.arange(len(count)), count)
-    return first[pair] + np.arange(len(pair)) - (np.cumsum(count) - count)[pair], pair
 
 
 def unseen_name(names: tuple[str, ...]) -> str:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dpsearch.envs.distributions import Distributions, row_starts
-from dpsearch.envs.pomdp_pool import certain, expanded, joined, rows_of
+from dpsearch.envs.distributions import Distributions, expanded, row_starts
+from dpsearch.envs.pomdp_pool import certain, joined, rows_of
 from dpsearch.envs.pomdp_preamble import MOST_ROWS
 from dpsearch.envs.pomdp_tables import MOST_ENTRIES, RewardTable
 

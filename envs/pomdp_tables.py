@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dpsearch.envs.distributions import Distributions, row_starts
-from dpsearch.envs.pomdp_pool import expanded
+from dpsearch.envs.distributions import Distributions, expanded, row_starts
 from dpsearch.envs.pomdp_preamble import EXACT, ROUNDING
 from dpsearch.envs.pomdp_statements import Form, RewardSettings, Settings
 from dpsearch.envs.pomdp_tokens import ALL, Names, PomdpFileError, Source

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from dpsearch.envs.distributions import Distributions
+from dpsearch.envs.distributions import Distributions, expanded
 from dpsearch.envs.tabular import TabularPOMDP, TabularTask
 from dpsearch.report.agents import BeliefAgent, Controller, Floats, Ints
 from dpsearch.report.returns import Estimate, Metrics
@@ -107,9 +107,7 @@ def _expand(distributions: Distributions, rows: Ints) -> tuple[Ints, Ints, Float
         For each possibility, which of the n rows it is drawn from, what it is, and its probability.
     """
     lengths = np.diff(distributions.starts)[rows]
-    drawn = np.repeat(np.arange(len(rows)), lengths)
-    first = np.cumsum(lengths) - lengths
-    entry = distributions.starts[rows][drawn] + np.arange(len(drawn)) - first[drawn]
+    entry, drawn = expanded(distributions.starts[rows], lengths)
     return drawn, distributions.columns[entry], distributions.probabilities[entry]
 
 

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
 
 from dpsearch.envs import ObserveOnly
 from dpsearch.policies import UnsupportedSpaceError
@@ -55,6 +56,14 @@ class EnvRecipe:
         except Exception as error:  # the environment's own code: its message may make no sense without the type
             raise RunError(f"cannot make environment {self.id!r}: {type(error).__name__}: {error}") from error
         return env
+
+    @property
+    def drawable(self) -> bool:
+        """Whether the environment's class says that it can be drawn, as far as one can tell without making one."""
+        entry = gym.spec(self.id.rpartition(":")[2]).entry_point
+        creator = load_env_creator(entry) if isinstance(entry, str) else entry
+        metadata = getattr(creator, "metadata", None)
+        return metadata is None or "rgb_array" in metadata.get("render_modes", ())
 
     def rollouts(self, *, threads: int = 1, num_envs: int | None = None) -> Rollouts:
         """What plays its episodes.

@@ -17,7 +17,7 @@ from dpsearch.report.grid import Grid
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
 from dpsearch.search.base import Vector
 from dpsearch.search.functions import FUNCTIONS
-from scripts.arguments import at_least
+from scripts.arguments import at_least, named
 from scripts.experiments import functions_methods as methods
 from scripts.experiments.experiment import Cell, Experiment, Results
 from scripts.experiments.functions_figures import draw_comparison, draw_methods, draw_success, draw_unimodal
@@ -34,18 +34,6 @@ FACTOR = "factor"
 WORDS = {SUCCESS_RATE: "solved", "evaluations": "evaluations", FACTOR: "factor"}
 
 Choose = Callable[[str], list[Any]]
-
-
-def chosen(known: Collection[str]) -> Choose:
-    """Some of these names, separated by commas, as a type for argparse."""
-
-    def names(text: str) -> list[str]:
-        unknown = [name for name in text.split(",") if name not in known]
-        if unknown:
-            raise ArgumentTypeError(f"unknown name {unknown[0]!r}: choose from {', '.join(known)}")
-        return list(dict.fromkeys(text.split(",")))
-
-    return names
 
 
 def dimensions(text: str) -> list[int]:
@@ -89,8 +77,8 @@ def add_options(
         of = f"of {', '.join(among)}; " if among else ""
         parser.add_argument(name, type=convert, default=list(default), metavar="X,..", help=f"{of}default: {words}")
 
-    add("--functions", chosen(known), functions, known)
-    add("--methods", chosen(METHODS), [searcher.name for searcher in searchers], METHODS)
+    add("--functions", named({name: name for name in known}), functions, known)
+    add("--methods", named({name: name for name in METHODS}), [searcher.name for searcher in searchers], METHODS)
     add("--dimensions", dimensions, sizes)
     if starts:
         add("--distances", distances, starts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,6 +10,7 @@ from functools import partial
 from dpsearch.report.grid import Grid
 from dpsearch.report.statistics import Statistic
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
+from scripts.arguments import named
 from scripts.experiments.experiment import Cell, Experiment, Method
 from scripts.experiments.poles_figures import draw_evaluations
 from scripts.experiments.training import compose, until_solved
@@ -82,16 +83,9 @@ def add_options(parser: ArgumentParser, *, methods: Sequence[Method]) -> None:
         parser: To this parser.
         methods: Those run by default.
     """
-
-    def chosen(text: str) -> list[Method]:
-        unknown = [name for name in text.split(",") if name not in METHODS]
-        if unknown:
-            raise ArgumentTypeError(f"unknown method {unknown[0]!r}: choose from {', '.join(METHODS)}")
-        return [METHODS[name] for name in dict.fromkeys(text.split(","))]
-
     default = ",".join(method.name for method in methods)
     parser.add_argument(
-        "--methods", type=chosen, default=list(methods), metavar="M,..",
+        "--methods", type=named(METHODS), default=list(methods), metavar="M,..",
         help=f"of {', '.join(METHODS)}; default: {default}",
     )  # fmt: skip
 

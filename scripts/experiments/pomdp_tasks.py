@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, partial
 
@@ -12,12 +12,13 @@ from dpsearch.envs.shuttle import ShuttleDocking
 from dpsearch.envs.tabular import TabularTask
 from dpsearch.envs.tiger import Tiger
 from dpsearch.envs.tmaze import TMaze
-from dpsearch.report.agents import Agent, BeliefAgent, Controller
+from dpsearch.report.agents import Agent, BeliefAgent, Controller, fully_observed
 from dpsearch.report.exact import controller_of, exact_metrics
 from dpsearch.report.hand_written import HAND_WRITTEN
 from dpsearch.report.play import play
 from dpsearch.report.point_based import point_based
 from dpsearch.report.returns import Metrics
+from dpsearch.report.value_iteration import value_iteration
 
 EPISODES = 20_000  # of policies whose metrics are not computed exactly
 GOAL = 0.98
@@ -103,11 +104,13 @@ class Yardsticks:
         random: All actions equally often.
         hand: Written by hand.
         optimal: The best for the discounted return.
+        sighted: The best for who sees the state.
     """
 
     random: Metrics
     hand: Metrics
     optimal: Metrics
+    sighted: Metrics
 
     def share(self, discounted: float) -> float:
         """The part of the way from the random to the optimal policy that a discounted return has gone."""
@@ -125,6 +128,7 @@ def yardsticks(name: str) -> Yardsticks:
         random=exact_metrics(task, Controller.random(pomdp)),
         hand=_metrics(task, HAND_WRITTEN[TASKS[name].env](pomdp)),
         optimal=_metrics(task, best),
+        sighted=exact_metrics(fully_observed(pomdp).task(task.max_episode_steps), value_iteration(pomdp).controller()),
     )
 
 
@@ -137,12 +141,3 @@ def _metrics(task: TabularTask, agent: Agent) -> Metrics:
             return play(task, agent, EPISODES).metrics()
     assert isinstance(agent, Controller)
     return exact_metrics(task, agent)
-
-
-def named(names: str) -> Sequence[PomdpTask]:
-    """Tasks by their names, with commas between them.
-
-    Raises:
-        KeyError: If there is none of a name.
-    """
-    return [TASKS[name] for name in dict.fromkeys(names.split(","))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -16,6 +16,7 @@ from dpsearch.algos import Algorithm
 from dpsearch.report.grid import Grid
 from dpsearch.report.returns import Metrics, discounted_sums, metrics
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
+from scripts.arguments import named
 from scripts.experiments.experiment import Cell, Experiment, Method
 from scripts.experiments.jobs import Outcome
 from scripts.experiments.pomdp_figures import draw_shares
@@ -27,7 +28,6 @@ from scripts.experiments.pomdp_tasks import (
     TASKS,
     TEXT,
     PomdpTask,
-    named,
     yardsticks,
 )
 from scripts.experiments.training import compose
@@ -135,23 +135,10 @@ def add_options(parser: ArgumentParser, *, methods: Sequence[Method], tasks: Seq
         methods: Those run by default.
         tasks: Likewise.
     """
-
-    def chosen_methods(text: str) -> list[Method]:
-        try:
-            return [METHODS[name] for name in dict.fromkeys(text.split(","))]
-        except KeyError as error:
-            raise ArgumentTypeError(f"unknown method {error}: choose from {', '.join(METHODS)}") from None
-
-    def chosen_tasks(text: str) -> list[PomdpTask]:
-        try:
-            return list(named(text))
-        except KeyError as error:
-            raise ArgumentTypeError(f"unknown task {error}: choose from {', '.join(TASKS)}") from None
-
-    for option, kind, default in (("methods", chosen_methods, methods), ("tasks", chosen_tasks, tasks)):
+    for option, known, default in (("methods", METHODS, methods), ("tasks", TASKS, tasks)):
         names = ",".join(each.name for each in default)
         parser.add_argument(
-            f"--{option}", type=kind, default=list(default), metavar="A,..", help=f"which; default: {names}"
+            f"--{option}", type=named(known), default=list(default), metavar="A,..", help=f"which; default: {names}"
         )
 
 
@@ -220,10 +207,11 @@ def _in_percent(row: Row) -> Row:
 def known(tasks: Sequence[PomdpTask], metric: str) -> list[Row]:
     """What is achieved without learning."""
     rows = []
-    for kind in ("random", "hand", "optimal"):
+    for kind in ("random", "hand", "optimal", "sighted"):
         for task in tasks:
             estimate = getattr(getattr(yardsticks(task.name), kind), metric)
-            rows.append(Row(task=task.label, method=kind, network="", metric=metric, median=estimate.value))
+            label = {"sighted": "optimal if it saw the state"}.get(kind, kind)
+            rows.append(Row(task=task.label, method=label, network="", metric=metric, median=estimate.value))
     return rows
 
 
@@ -241,8 +229,9 @@ WORDS = (
     f"actions ({MORE_ROLLOUTS:,} in the 4x3 maze, where luck makes most of an episode's return). "
     "Numbers are mean ± standard deviation over runs, with the 95% bootstrap interval of the mean. "
     "In italics what needs no learning, computed from the tasks' tables: all actions equally often, written by hand, "
-    "and optimal for the discounted return. Where the thesis's numbers fit another task than its text describes, both "
-    "are here: a tiger that ends the episode, a cheese maze entered anywhere in which bumps cost nothing, and T-mazes "
+    "and optimal for the discounted return, for who sees what the agent sees and for who sees the state. Where the "
+    "thesis's numbers fit another task than its text describes, both are here: a tiger that ends the "
+    "episode, a cheese maze entered anywhere in which bumps cost nothing, and T-mazes "
     "in which either turn is paid."
 )
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
 from itertools import takewhile
 
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
-from scripts.arguments import at_least
+from scripts.arguments import at_least, named
 from scripts.experiments.experiment import Cell, Experiment, Method
 from scripts.experiments.tmaze_figures import draw_corridors, draw_long, draw_peers
 from scripts.experiments.tmaze_reported import (
@@ -52,12 +52,6 @@ def add_options(
     """
     known = {method.name: method for method in (LSTM, ELMAN, FAST, LONG)}
 
-    def chosen(text: str) -> list[Method]:
-        unknown = [name for name in text.split(",") if name not in known]
-        if unknown:
-            raise ArgumentTypeError(f"unknown method {unknown[0]!r}: choose from {', '.join(known)}")
-        return [known[name] for name in dict.fromkeys(text.split(","))]
-
     def lengths(text: str) -> list[int]:
         return sorted({at_least(1)(part) for part in text.split(",")})
 
@@ -66,7 +60,7 @@ def add_options(
         "--corridors", type=lengths, default=list(corridors), metavar="N,..", help=f"default: {defaults[0]}"
     )
     parser.add_argument(
-        "--methods", type=chosen, default=list(methods), metavar="M,..",
+        "--methods", type=named(known), default=list(methods), metavar="M,..",
         help=f"of {', '.join(known)}; default: {defaults[1]}",
     )  # fmt: skip
     parser.add_argument(

@@ -9,6 +9,8 @@ import pytest
 from dpsearch.envs import CheeseMaze
 from dpsearch.envs.cheese_maze import CELLS, CHEESE, SYMBOLS, CheeseMazeVector, cheese_maze_pomdp
 from dpsearch.envs.grid import EAST, NORTH, SOUTH, WEST
+from dpsearch.report.agents import Controller
+from dpsearch.report.exact import exact_metrics
 from tests.envs.exact import Machine, machine, play
 from tests.envs.twin import require_same
 
@@ -147,3 +149,14 @@ def test_solving_it_means_hardly_a_bump_if_bumps_cost_anything() -> None:
     env = gym.make(ID, start="anywhere", bump_reward=0.0)
     assert env.spec is not None
     assert env.spec.reward_threshold is None  # a random policy finds it as well, in the end
+
+
+def test_care_without_memory_finds_the_cheese_after_20_steps() -> None:
+    """At random between walls, and south where the cheese is below: what its discounted return is worth."""
+    task = CheeseMaze.make_task()
+    policy = (task.pomdp.features < 0).astype(float)  # where there is no wall
+    policy[task.pomdp.observation_names.index("wall north")] = np.eye(4)[2]
+    found = exact_metrics(task, Controller.memoryless(policy / policy.sum(axis=1, keepdims=True)))
+    assert found.episode_return.value == pytest.approx(1.0, abs=1e-6)
+    assert found.steps.value == pytest.approx(20.0, abs=1e-3)
+    assert found.discounted_return.value == pytest.approx(0.026, abs=5e-4)

@@ -43,4 +43,4 @@ def test_the_log_of_runs_is_shared_and_what_others_report_is_shown(
 def test_an_unknown_method_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         reproduce.main(["table_7_4", "--methods", "sane"])
-    assert "unknown method 'sane'" in capsys.readouterr().err
+    assert "unknown name 'sane'" in capsys.readouterr().err

@@ -131,7 +131,7 @@ def test_a_corridor_that_no_run_solves_is_reported_too(monkeypatch: pytest.Monke
     [
         (["fig_9_9"], "invalid choice: 'fig_9_9'"),
         (["fig_3_4", "--corridors", "10,0"], "at least 1, got '0'"),
-        (["fig_3_4", "--methods", "sarsa"], "unknown method 'sarsa'"),
+        (["fig_3_4", "--methods", "sarsa"], "unknown name 'sarsa'"),
         (["fig_3_4", "--runs", "0"], "at least 1, got '0'"),
         (["fig_3_4", "--seed", "-1"], "--seed"),
         (["fig_7_1", "--functions", "Sphere,Ackley"], "unknown name 'Ackley'"),
