@@ -23,7 +23,7 @@ from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions
 from dpsearch.rollout import EnvSource, Episodes, Rollouts, make_rollouts
 
-TRAINING, EVALUATION, WEIGHTS, SOLVING = 1, 2, 3, 4  # purposes of a seed's streams
+TRAINING, EVALUATION, WEIGHTS, SOLVING, BASELINE = 1, 2, 3, 4, 6  # purposes of a seed's streams
 RECENT_EPISODES = 100  # training episodes whose mean return is reported, and evaluation episodes that decide "solved"
 
 Env = EnvSource | Rollouts

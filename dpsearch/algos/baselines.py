@@ -15,17 +15,20 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from typing_extensions import override
 
+from dpsearch.rollout import Episodes
+
 
 class Baseline(ABC):
     """Says what return to expect, from what the policy remembers."""
 
     @abstractmethod
     def __call__(
-        self, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32] | float, Tensor | None]:
         """The baseline for a batch, and then learn from the batch.
 
         Args:
+            episodes: The batch.
             features: ``(T, N, H)``, the policy's memory at each step.
             returns: ``(T, N)``, R_t; zero on padding.
             mask: ``(T, N)``, False on padding.
@@ -59,7 +62,9 @@ class ConstantBaseline(Baseline):
         self._lengths: deque[int] = deque(maxlen=window)  # and its steps
 
     @override
-    def __call__(self, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]) -> tuple[float, None]:
+    def __call__(
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+    ) -> tuple[float, None]:
         mean = sum(self._totals) / sum(self._lengths) if self._lengths else 0.0
         self._totals.extend(returns.sum(0, dtype=np.float64).tolist())
         self._lengths.extend(mask.sum(0).tolist())
@@ -97,7 +102,7 @@ class SharedBaseline(Baseline):
 
     @override
     def __call__(
-        self, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], Tensor]:
         expected = self._readout(features).squeeze(-1)  # (T, N)
         error = ((torch.from_numpy(returns) - expected) * torch.from_numpy(mask)).square().sum()

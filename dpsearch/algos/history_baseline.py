@@ -8,12 +8,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from typing_extensions import override
 
+from dpsearch.algos.baselines import Baseline
+from dpsearch.algos.optimizers import make_optimizer
 from dpsearch.policies import Head
+from dpsearch.policies.buckets import run_in_buckets
 from dpsearch.rollout import Episodes
 
 
-class HistoryBaseline:
+class HistoryBaseline(Baseline):
     """b(h_t) is what a second LSTM expects, which sees the same history as the policy (section 3.3.2).
 
     It is trained by supervised regression on the returns actually received, never by bootstrapping, so no assumption
@@ -24,9 +28,14 @@ class HistoryBaseline:
         observation_size: Length O of an observation.
         head: The policy's, which says how an action is shown.
         hidden_size: Cells.
-        learning_rate: Step size of its optimiser, Adam.
+        optimizer: Name of a class in ``torch.optim``, one of ``OPTIMIZERS``.
+        learning_rate: Its step size, for the squared error of a step, averaged over the steps of a batch.
+        optimizer_options: Its other arguments.
         steps: Gradient steps a batch.
         seed: Of the initial weights.
+
+    Raises:
+        ValueError: If the optimiser does not take its options.
     """
 
     def __init__(
@@ -35,7 +44,9 @@ class HistoryBaseline:
         head: Head,
         *,
         hidden_size: int = 10,
+        optimizer: str = "Adam",
         learning_rate: float = 0.01,
+        optimizer_options: dict[str, Any] | None = None,
         steps: int = 5,
         seed: int = 0,
     ) -> None:
@@ -47,28 +58,39 @@ class HistoryBaseline:
         for parameter in (*self._core.parameters(), *self._readout.parameters()):
             nn.init.uniform_(parameter, -0.1, 0.1, generator=generator)
         self._net = nn.ModuleList([self._core, self._readout])
-        self._optimizer = torch.optim.Adam(self._net.parameters(), learning_rate)
+        self._optimizer = make_optimizer(optimizer, self._net.parameters(), learning_rate, optimizer_options or {})
         self._mean, self._deviation = 0.0, 0.0  # of the returns; a deviation of 0 says that none were seen
+
+    @override
+    def __call__(
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], None]:
+        inputs, lengths = self._inputs(episodes), episodes.lengths
+        expected = self._forward(inputs, lengths)  # serves twice: as the baseline, and to learn from
+        foreseen: NDArray[np.float32] = expected.detach().numpy()
+        baseline = np.float32(self._mean) + np.float32(self._deviation) * foreseen
+        self._remember_scale(returns[mask])
+        targets = torch.from_numpy((returns - np.float32(self._mean)) / np.float32(self._deviation))
+        weights = torch.from_numpy(mask.astype(np.float32) / mask.sum())
+        for step in range(self._steps):
+            if step > 0:
+                expected = self._forward(inputs, lengths)
+            for parameter in self._net.parameters():
+                parameter.grad = None
+            ((expected - targets).square() * weights).sum().backward()
+            self._optimizer.step()
+        return baseline, None
 
     def expected(self, episodes: Episodes) -> NDArray[np.float32]:
         """What it expects at each step, ``(T, N)``."""
         with torch.no_grad():
-            expected: NDArray[np.float32] = self._forward(self._inputs(episodes)).numpy()
+            expected: NDArray[np.float32] = self._forward(self._inputs(episodes), episodes.lengths).numpy()
         return self._mean + self._deviation * expected
 
-    def learn(self, episodes: Episodes, returns: NDArray[np.float32], mask: NDArray[np.bool_]) -> None:
-        """Go towards the returns that were received."""
-        mean, deviation = float(returns[mask].mean()), float(returns[mask].std())
+    def _remember_scale(self, returns: NDArray[np.float32]) -> None:
         memory = 0.9 if self._deviation > 0.0 else 0.0
-        self._mean = memory * self._mean + (1.0 - memory) * mean
-        self._deviation = max(memory * self._deviation + (1.0 - memory) * deviation, 1e-8)
-        inputs = self._inputs(episodes)
-        targets = torch.from_numpy((returns - np.float32(self._mean)) / np.float32(self._deviation))
-        weights = torch.from_numpy(mask.astype(np.float32) / mask.sum())
-        for _ in range(self._steps):
-            self._optimizer.zero_grad()
-            ((self._forward(inputs) - targets).square() * weights).sum().backward()
-            self._optimizer.step()
+        self._mean = memory * self._mean + (1.0 - memory) * float(returns.mean())
+        self._deviation = max(memory * self._deviation + (1.0 - memory) * float(returns.std()), 1e-8)
 
     def _inputs(self, episodes: Episodes) -> Tensor:
         """Observations and previous actions, ``(T, N, O + echo)``."""
@@ -77,11 +99,12 @@ class HistoryBaseline:
         echoes[0] = 0
         return torch.cat((observations, echoes.float()), -1)
 
-    def _forward(self, inputs: Tensor) -> Tensor:
-        features, _ = self._core(inputs)
+    def _forward(self, inputs: Tensor, lengths: NDArray[np.int64]) -> Tensor:
+        features = run_in_buckets(lambda part: self._core(part)[0], inputs, lengths)
         expected: Tensor = self._readout(features).squeeze(-1)
         return expected
 
+    @override
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of a run depends on."""
         return {
@@ -90,6 +113,7 @@ class HistoryBaseline:
             "returns": [self._mean, self._deviation],
         }
 
+    @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on where ``state_dict`` was taken."""
         self._net.load_state_dict(state["net"])

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
-from dpsearch.algos.base import Algorithm, Env, Metrics
+from dpsearch.algos.base import BASELINE, Algorithm, Env, Metrics
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
@@ -35,7 +35,6 @@ from dpsearch.rollout import Episodes
 UTILITIES = ("exponential", "rank")
 BASELINES = ("none", "history")
 LOSSES = ("likelihood", "squared")
-BASELINE = 6  # purpose of the seed's stream that the baseline's weights come from
 
 
 @dataclass
@@ -162,8 +161,7 @@ class LRWR(Algorithm[LRWRConfig]):
         returns = episodes.returns_to_go(self.config.gamma)  # R_t, (T, N)
         if self.baseline is None:
             return returns[0].astype(np.float64), np.broadcast_to(np.arange(len(episodes)), mask.shape)
-        expected = self.baseline.expected(episodes)
-        self.baseline.learn(episodes, returns, mask)
+        expected, _ = self.baseline(episodes, torch.empty(0), returns, mask)
         return (returns - expected)[mask].astype(np.float64), np.cumsum(mask).reshape(mask.shape) - 1
 
     def utilities(self, gains: NDArray[np.float64], tau: float) -> NDArray[np.float64]:

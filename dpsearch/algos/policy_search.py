@@ -25,7 +25,7 @@ from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig
 from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts, Search
 
-SEARCH = 5  # purpose of the seed's stream that the search draws from
+SEARCH = 5  # purpose of the seed's stream that the search draws from; see those in ``base``
 CHOICES = ("auto", "best", "mean")
 
 

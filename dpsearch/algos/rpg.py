@@ -19,11 +19,15 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
-from dpsearch.algos.base import Algorithm, Env, Metrics
+from dpsearch.algos.base import BASELINE, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
+from dpsearch.algos.history_baseline import HistoryBaseline
+from dpsearch.algos.natural_gradient import natural_gradient
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
+from dpsearch.kernels.philox import stream_key
 from dpsearch.rollout import Episodes
 
 SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
@@ -45,8 +49,16 @@ class RPGConfig:
             ``"shared"``: b(h_t) is a linear read-out of the policy's own memory, trained on the returns received in
             the same backward pass. It teaches the memory to hold what returns depend on, long before the policy can
             profit from it.
+            ``"history"``: b(h_t) is what a second LSTM expects, which sees the same history and is trained on the
+            returns received (section 3.3.2); see ``HistoryBaseline``.
         baseline_episodes: Episodes in the constant baseline's moving average; 0 for no baseline.
         baseline_weight: Weight of the shared baseline's squared error in the loss.
+        baseline_cells: Of the history baseline.
+        baseline_optimizer: Of the history baseline, like ``optimizer``.
+        baseline_learning_rate: Its step size, for the squared error averaged over steps, of returns scaled to
+            deviation 1.
+        baseline_optimizer_options: Its other arguments.
+        baseline_steps: Gradient steps of the history baseline after every batch.
         batch_steps: If given, a batch has as many episodes as it takes to play about this many environment steps,
             judged by the mean length in the batch before (``batch_size`` is the least, 64 times that the most), so
             that the long episodes of an unskilled policy do not use up the time.
@@ -59,6 +71,11 @@ class RPGConfig:
         entropy_bonus: Weight of the policy's entropy, summed over an episode's steps, beside its return: keeps a policy
             from settling before it has tried enough.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
+        natural_step: If given, the gradient is replaced by the natural one (see ``natural_gradient``), of the length
+            that, at a ``learning_rate`` of 1, makes the actions' distribution at an average step differ by this many
+            nats of KL divergence: however the weights are scaled, a policy is not changed by more than can be
+            judged from one batch.
+        damping: Added to the diagonal of the Fisher information matrix of the natural gradient.
         variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
             finite as sigma goes to 0.
     """
@@ -73,11 +90,18 @@ class RPGConfig:
     baseline: str = "constant"
     baseline_episodes: int = 100
     baseline_weight: float = 0.1
+    baseline_cells: int = 10
+    baseline_optimizer: str = "Adam"
+    baseline_learning_rate: float = 0.01
+    baseline_optimizer_options: dict[str, Any] = field(default_factory=dict)
+    baseline_steps: int = 1
     batch_steps: int | None = None
     trace: float = 1.0
     normalise_advantages: bool = False
     entropy_bonus: float = 0.0
     entropy_halflife: float | None = None
+    natural_step: float | None = None
+    damping: float = 0.01
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
@@ -91,12 +115,22 @@ class RPGConfig:
                 "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
                 "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
                 "gradient_length": (_positive(self.gradient_length), "positive or null"),
-                "baseline": (self.baseline in ("constant", "shared"), "'constant' or 'shared'"),
+                "baseline": (self.baseline in ("constant", "shared", "history"), "'constant', 'shared' or 'history'"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
+                "baseline_cells": (self.baseline_cells >= 1, "at least 1"),
+                "baseline_optimizer": (self.baseline_optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
+                "baseline_learning_rate": (0.0 < self.baseline_learning_rate < math.inf, "positive and finite"),
+                "baseline_steps": (self.baseline_steps >= 1, "at least 1"),
                 "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
                 "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
                 "entropy_halflife": (_positive(self.entropy_halflife), "positive or null"),
+                "natural_step": (
+                    _positive(self.natural_step)
+                    and (self.natural_step is None or (self.gradient_length is None and self.baseline != "shared")),
+                    "positive or null, and null with a gradient_length or a shared baseline",
+                ),
+                "damping": (0.0 <= self.damping < math.inf, "0 or more"),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
         )
@@ -117,17 +151,30 @@ class RPG(Algorithm[RPGConfig]):
         if self.config.variance_scaled:
             head = self.policy.head  # refused now, not when it learns
             head.scaled_eligibilities(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size), torch.ones(1))
-        self.baseline: Baseline = (
-            ConstantBaseline(self.config.baseline_episodes)
-            if self.config.baseline == "constant"
-            else SharedBaseline(self.policy.hidden_size, self.config.baseline_weight)
-        )
+        self.baseline = self._make_baseline()
         self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
         self.optimizer = make_optimizer(
             self.config.optimizer, self.parameters, self.config.learning_rate, self.config.optimizer_options
         )
         self.batch_size = self.config.batch_size
         self._mean_square = 0.0  # of the advantages, a moving average over batches
+
+    def _make_baseline(self) -> Baseline:
+        config, policy = self.config, self.policy
+        if config.baseline == "constant":
+            return ConstantBaseline(config.baseline_episodes)
+        if config.baseline == "shared":
+            return SharedBaseline(policy.hidden_size, config.baseline_weight)
+        return HistoryBaseline(
+            policy.observation_size,
+            policy.head,
+            hidden_size=config.baseline_cells,
+            optimizer=config.baseline_optimizer,
+            learning_rate=config.baseline_learning_rate,
+            optimizer_options=config.baseline_optimizer_options,
+            steps=config.baseline_steps,
+            seed=stream_key(self.seed, BASELINE) >> 1,  # torch takes 63 bits
+        )
 
     def update(self) -> Metrics:
         """Play a batch, ascend its gradient (section 3.3.3), and say how it went."""
@@ -136,7 +183,7 @@ class RPG(Algorithm[RPGConfig]):
         sampled = perf_counter()
         for parameter in self.parameters:
             parameter.grad = None  # optimizer.zero_grad() takes ten times longer
-        entropy = self.backpropagate(episodes)
+        judged = self.backpropagate(episodes)
         length = self._normalise_gradient()
         backpropagated = perf_counter()
         for group in self.optimizer.param_groups:
@@ -150,22 +197,28 @@ class RPG(Algorithm[RPGConfig]):
             "return": float(episodes.returns.mean()),
             "episode_length": episodes.steps / len(episodes),
             "gradient_norm": length,
-            "entropy": entropy,
+            **judged,
             "time/sample": sampled - start,
             "time/gradient": backpropagated - sampled,
             "time/step": perf_counter() - backpropagated,
         }
 
-    def backpropagate(self, episodes: Episodes) -> float:
-        """Add minus section 3.3.2's gradient to the parameters' ``grad``; returns the mean entropy in nats."""
+    def backpropagate(self, episodes: Episodes) -> Metrics:
+        """Add minus section 3.3.2's gradient to the parameters' ``grad``.
+
+        Returns:
+            The mean ``entropy`` in nats, and the ``explained_variance``: what part of the variance of the returns R_t
+            the baseline foresaw.
+        """
         head, config = self.policy.head, self.config
         mask = episodes.mask  # (T, N)
         returns = episodes.returns_to_go(config.gamma)  # R_t, (T, N), section 2.1
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
-        features, _ = self.policy.remember(observations, actions=actions)  # (T, N, H), one fused call
+        features = self.policy.unroll(observations, actions, episodes.lengths)  # (T, N, H), a fused call or a few
         outputs = self.policy.readout(features)  # (T, N, K)
-        baseline, loss = self.baseline(features, returns, mask)
-        advantages = self._advantages(episodes, (returns - baseline) * mask)  # (T, N)
+        baseline, loss = self.baseline(episodes, features, returns, mask)
+        surprises = (returns - baseline) * mask
+        advantages = self._advantages(episodes, surprises)  # (T, N)
         if config.normalise_advantages:
             scale = self._running_scale(advantages[mask])
             advantages = advantages / scale
@@ -180,11 +233,34 @@ class RPG(Algorithm[RPGConfig]):
             seen = torch.where(torch.from_numpy(mask)[..., None], seen, 0.0)
         eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
         eligibilities, entropy = eligible(seen, actions, torch.from_numpy(weights), bonus)
-        if loss is None:
+        if config.natural_step is not None:
+            self._ascend_naturally(episodes, outputs, eligibilities)
+        elif loss is None:
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:
             torch.autograd.backward((outputs, loss / len(episodes)), (eligibilities, None))
-        return float((entropy.numpy() * mask).sum()) / episodes.steps
+        spread = float(returns[mask].var())
+        return {
+            "entropy": float((entropy.numpy() * mask).sum()) / episodes.steps,
+            "explained_variance": 1.0 - float(surprises[mask].var()) / spread if spread > 0.0 else 0.0,
+        }
+
+    def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor) -> None:
+        """Add to the parameters' ``grad`` the natural gradient that belongs to eligibilities ``(T, N, K)``."""
+        observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
+        gradient = torch.autograd.grad(outputs, self.parameters, eligibilities, retain_graph=True)
+        natural, product = natural_gradient(
+            self.policy,
+            list(gradient),
+            outputs,
+            lambda policy: policy.readout(policy.unroll(observations, actions, episodes.lengths)),
+            episodes.mask,
+            self.config.damping,
+        )
+        assert self.config.natural_step is not None
+        length = math.sqrt(2.0 * self.config.natural_step / product) if product > 0.0 else 0.0
+        for parameter, part in zip(self.parameters, natural, strict=True):
+            parameter.grad = length * part
 
     def _advantages(self, episodes: Episodes, surprises: NDArray[np.float32]) -> NDArray[np.float32]:
         """Generalised advantage estimates from R_t - b ``(T, N)``, which they are for a trace of 1."""

@@ -91,6 +91,22 @@ class Head(ABC):
         """
         raise TypeError(f"variance_scaled needs a Gaussian policy, this one's head is {type(self).__name__}")
 
+    def fisher(self, outputs: Tensor, changes: Tensor) -> Tensor:
+        """The Fisher information of the distribution over actions, times some changes of its parameters.
+
+        Args:
+            outputs: ``(..., n_outputs)``.
+            changes: ``(..., n_outputs)``.
+
+        Returns:
+            ``(..., n_outputs)``; half its product with ``changes`` is, to second order, the KL divergence of the
+            changed distribution.
+
+        Raises:
+            TypeError: If the head has no distribution.
+        """
+        raise TypeError(f"{type(self).__name__} has no distribution over actions")
+
     def squared_error(self, outputs: Tensor, actions: Tensor) -> Tensor:
         """Squared distance ``(...)`` of the probabilities from those of who takes these actions for certain.
 
@@ -171,6 +187,14 @@ class Categorical(Head):
         return eligibilities.movedim(0, -1), entropy
 
     @override
+    def fisher(self, outputs: Tensor, changes: Tensor) -> Tensor:
+        parts = []
+        for logits, change in zip(outputs.split(self.sizes, dim=-1), changes.split(self.sizes, dim=-1), strict=True):
+            probabilities = torch.softmax(logits, dim=-1)
+            parts.append(probabilities * (change - (probabilities * change).sum(-1, keepdim=True)))
+        return torch.cat(parts, -1)
+
+    @override
     def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:
         picks = []
         for i, logits in enumerate(outputs.split(self.sizes, dim=-1)):
@@ -226,6 +250,12 @@ class Gaussian(Head):
     def entropy(self, outputs: Tensor) -> Tensor:
         log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
         return (log_std + 0.5 + LOG_SQRT_2PI).sum(-1)
+
+    @override
+    def fisher(self, outputs: Tensor, changes: Tensor) -> Tensor:
+        _, std = self._mean_and_std(outputs)
+        of_mean, of_raw_std = changes.split(self.size, dim=-1)
+        return torch.cat((of_mean / std.square(), 2.0 * (1.0 - std).square() * of_raw_std), -1)
 
     @override
     def sample(self, outputs: Tensor, uniforms: Tensor) -> Tensor:

@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from dpsearch.policies.buckets import run_in_buckets
 from dpsearch.policies.compiled import CompiledPolicy, compiled_policy
 from dpsearch.policies.heads import Head
 from dpsearch.policies.spaces import head_for, observation_size
@@ -187,16 +188,37 @@ class RecurrentPolicy(nn.Module):
         """
         if not self.echo_size:
             return self._run_core(observations, state)
+        echoes = self._echoes(observations, actions)
+        if state is not None:
+            echoes[0], state = state[:, -self.echo_size :], state[:, : -self.echo_size]
+        features, after = self._run_core(torch.cat((observations, echoes[:-1]), -1), state)
+        return features, torch.cat((after, echoes[-1]), -1)
+
+    def unroll(self, observations: Tensor, actions: Tensor, lengths: NDArray[np.int64]) -> Tensor:
+        """``remember`` for whole episodes of different lengths, which does not pay for all of the padding.
+
+        Args:
+            observations: ``(T, B, O)``, one episode a column.
+            actions: ``(T, B, action_size)``, those taken.
+            lengths: Steps of each episode, ``(B,)``.
+
+        Returns:
+            Features ``(T, B, H)``; of no meaning beyond an episode's end.
+        """
+        inputs = (
+            torch.cat((observations, self._echoes(observations, actions)[:-1]), -1) if self.echo_size else observations
+        )
+        return run_in_buckets(lambda part: self._run_core(part, None)[0], inputs, lengths)
+
+    def _echoes(self, observations: Tensor, actions: Tensor | None) -> Tensor:
+        """The action before each step and after the last one, ``(T + 1, B, echo_size)``, zero before the first."""
         steps, width = observations.shape[:2]
         echoes = observations.new_zeros(steps + 1, width, self.echo_size)
         if actions is not None:
             echoes[1:] = self.head.echo(actions)
         elif steps > 1:
             raise ValueError("a policy that sees its previous action needs the actions of an episode")
-        if state is not None:
-            echoes[0], state = state[:, -self.echo_size :], state[:, : -self.echo_size]
-        features, after = self._run_core(torch.cat((observations, echoes[:-1]), -1), state)
-        return features, torch.cat((after, echoes[-1]), -1)
+        return echoes
 
     def _run_core(self, inputs: Tensor, state: Tensor | None) -> tuple[Tensor, Tensor]:
         n = self.hidden_size

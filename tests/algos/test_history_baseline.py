@@ -3,6 +3,7 @@ from __future__ import annotations
 from copy import deepcopy
 
 import numpy as np
+import torch
 
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
@@ -24,7 +25,7 @@ def learned(batches: int) -> HistoryBaseline:
     trained = baseline(steps=20)
     for key in range(batches):
         played = episodes(50, key)
-        trained.learn(played, played.returns_to_go(0.98), played.mask)
+        trained(played, torch.empty(0), played.returns_to_go(0.98), played.mask)
     return trained
 
 
@@ -51,8 +52,8 @@ def test_the_size_of_returns_does_not_matter() -> None:
     returns, mask = played.returns_to_go(0.98), played.mask
     small, large = baseline(), baseline()
     for _ in range(10):
-        small.learn(played, returns, mask)
-        large.learn(played, 1000 * returns, mask)
+        small(played, torch.empty(0), returns, mask)
+        large(played, torch.empty(0), 1000 * returns, mask)
     np.testing.assert_allclose(large.expected(played)[mask], 1000 * small.expected(played)[mask], rtol=1e-2, atol=5.0)
 
 
@@ -62,5 +63,5 @@ def test_state_goes_on_bit_for_bit() -> None:
     whole, copy = learned(2), baseline(steps=20)
     copy.load_state_dict(deepcopy(whole.state_dict()))
     for each in (whole, copy):
-        each.learn(played, returns, mask)
+        each(played, torch.empty(0), returns, mask)
     np.testing.assert_array_equal(whole.expected(played), copy.expected(played))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from copy import deepcopy
 import itertools
 from typing import Any
 from unittest import mock
@@ -79,7 +80,9 @@ class Fixed(Baseline):
     def __init__(self, value: float) -> None:
         self.value = value
 
-    def __call__(self, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]) -> tuple[float, None]:
+    def __call__(
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+    ) -> tuple[float, None]:
         return self.value, None
 
     def state_dict(self) -> dict[str, Any]:
@@ -171,12 +174,13 @@ def test_the_constant_baseline_is_the_mean_return_of_the_last_episodes_before_th
     baseline = ConstantBaseline(window=3)
     returns = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 3.0, 0.0]], np.float32)
     mask = np.array([[True, True, True, True], [True, False, True, False]])
-    assert baseline(torch.empty(0), returns, mask)[0] == 0.0
+    played = small_rpg().play_batch(4)
+    assert baseline(played, torch.empty(0), returns, mask)[0] == 0.0
     expected = (2.0 + 3.0 + 3.0 + 4.0) / 4  # the first of the four episodes has left the window
-    assert baseline(torch.empty(0), returns, mask)[0] == pytest.approx(expected)
+    assert baseline(played, torch.empty(0), returns, mask)[0] == pytest.approx(expected)
     copy = ConstantBaseline(window=3)
     copy.load_state_dict(baseline.state_dict())
-    assert copy(torch.empty(0), returns, mask)[0] == baseline(torch.empty(0), returns, mask)[0]
+    assert copy(played, torch.empty(0), returns, mask)[0] == baseline(played, torch.empty(0), returns, mask)[0]
 
 
 def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return() -> None:
@@ -187,7 +191,7 @@ def test_the_shared_baseline_learns_to_expect_more_than_the_mean_return() -> Non
     for _ in range(300):
         optimizer.zero_grad()
         features, _ = rpg.policy.remember(torch.from_numpy(episodes.observations))
-        expected, error = rpg.baseline(features, returns, mask)
+        expected, error = rpg.baseline(episodes, features, returns, mask)
         assert error is not None
         error.backward()
         optimizer.step()
@@ -214,7 +218,7 @@ def padded(episodes: Episodes, steps: int) -> Episodes:
     )
 
 
-@pytest.mark.parametrize("baseline", ["constant", "shared"])
+@pytest.mark.parametrize("baseline", ["constant", "shared", "history"])
 @pytest.mark.parametrize("env", ["dpsearch/TMaze-v0", "Pendulum-v1"])
 def test_padding_leaves_the_gradient_as_it_is(env: str, baseline: str) -> None:
     rpg = RPG(env, baseline=baseline, max_episode_steps=8, batch_size=5, policy=PolicyConfig(init_range=0.3))
@@ -223,7 +227,7 @@ def test_padding_leaves_the_gradient_as_it_is(env: str, baseline: str) -> None:
         rpg.baseline.load_state_dict({"episodes": [[3.0, 2]]})  # b = 1.5, where padding would be seen
     found = []
     for batch in (episodes, padded(episodes, 7)):
-        state = rpg.baseline.state_dict()
+        state = deepcopy(rpg.baseline.state_dict())
         rpg.optimizer.zero_grad()
         rpg.backpropagate(batch)
         found.append(gradients(rpg))
@@ -250,7 +254,7 @@ def test_the_shared_baseline_learns_with_the_policy() -> None:
     returns, mask = torch.from_numpy(episodes.returns_to_go(1.0)), torch.from_numpy(episodes.mask)
     features, _ = rpg.policy.remember(torch.from_numpy(episodes.observations))
     with torch.no_grad():
-        expected, _ = rpg.baseline(features, returns.numpy(), mask.numpy())
+        expected, _ = rpg.baseline(episodes, features, returns.numpy(), mask.numpy())
     log_prob = rpg.policy.head.log_prob(rpg.policy.readout(features), torch.from_numpy(episodes.actions))
     regression = ((returns - rpg.baseline.parameters()[1]) * mask).square().sum()  # at first only its bias counts
     rpg.optimizer.zero_grad()
