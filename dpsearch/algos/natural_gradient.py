@@ -22,18 +22,20 @@ from dpsearch.policies import RecurrentPolicy
 
 ITERATIONS = 10  # of conjugate gradients: more changes little
 TOLERANCE = 1e-3  # of the squared residual, relative to the gradient's
+SHORTENINGS, SLACK = 5, 1.2  # how often, and to what part of the divergence asked for
 PROBE = 1e-2  # length of the step in parameters whose effect on the outputs is measured
 
 
-def natural_gradient(
+def natural_step(
     policy: RecurrentPolicy,
     gradient: list[Tensor],
     outputs: Tensor,
     unroll: Callable[[RecurrentPolicy], Tensor],
     mask: NDArray[np.bool_],
     damping: float,
-) -> tuple[list[Tensor], float]:
-    """The natural gradient, by conjugate gradients.
+    divergence: float,
+) -> list[Tensor]:
+    """A step along the natural gradient, found by conjugate gradients.
 
     Args:
         policy: Whose.
@@ -42,10 +44,11 @@ def natural_gradient(
         unroll: What makes such outputs with a policy of the same architecture.
         mask: ``(T, B)``, False on padding.
         damping: What is added to F's diagonal.
+        divergence: How far it goes: the mean KL divergence in nats, judged by F. Where outputs bend so much that the
+            step would come to more, it is shortened.
 
     Returns:
-        The natural gradient by each of the parameters, and its product with the gradient, which is twice the mean KL
-        divergence of a step of that length, to second order.
+        The step in each of the parameters.
     """
     parameters = policy.free_parameters()
     shapes = [p.shape for p in parameters]
@@ -54,12 +57,14 @@ def natural_gradient(
     counted = torch.from_numpy(mask)[..., None]
     seen = torch.where(counted, outputs.detach(), 0.0)
 
+    def change_of_outputs(step: Tensor) -> Tensor:
+        probe.load_vector((here + step).numpy())
+        with torch.no_grad():
+            return torch.where(counted, unroll(probe) - seen, 0.0)
+
     def fisher_product(v: Tensor) -> Tensor:
         scale = PROBE / float(v.norm())
-        probe.load_vector((here + scale * v).numpy())
-        with torch.no_grad():
-            change = (unroll(probe) - outputs) / scale  # J v
-        weighted = torch.where(counted, policy.head.fisher(seen, change), 0.0) / counted.sum()
+        weighted = policy.head.fisher(seen, change_of_outputs(scale * v)) / (scale * counted.sum())  # M J v
         product = torch.autograd.grad(outputs, parameters, weighted, retain_graph=True)
         return _flat(list(product)).double() + damping * v
 
@@ -76,9 +81,17 @@ def natural_gradient(
         residual -= left / along * image
         before, left = left, float(residual @ residual)
         direction = residual + left / before * direction
+    if left == start:  # nothing to go for
+        return [torch.zeros_like(part) for part in gradient]
+    x *= math.sqrt(2.0 * divergence / float(x @ g))
+    for _ in range(SHORTENINGS):
+        change = change_of_outputs(x)
+        reached = float((change * policy.head.fisher(seen, change)).sum() / (2.0 * counted.sum()))
+        if reached <= SLACK * divergence:
+            break
+        x *= max(math.sqrt(divergence / reached), 0.1)
     sizes = [math.prod(shape) for shape in shapes]
-    parts = [part.view(shape).float() for part, shape in zip(x.split(sizes), shapes, strict=True)]
-    return parts, float(x @ g)
+    return [part.view(shape).float() for part, shape in zip(x.split(sizes), shapes, strict=True)]
 
 
 def _flat(tensors: list[Tensor]) -> Tensor:

@@ -24,7 +24,7 @@ from torch import Tensor
 from dpsearch.algos.base import BASELINE, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
-from dpsearch.algos.natural_gradient import natural_gradient
+from dpsearch.algos.natural_gradient import natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
@@ -246,21 +246,21 @@ class RPG(Algorithm[RPGConfig]):
         }
 
     def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor) -> None:
-        """Add to the parameters' ``grad`` the natural gradient that belongs to eligibilities ``(T, N, K)``."""
+        """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         gradient = torch.autograd.grad(outputs, self.parameters, eligibilities, retain_graph=True)
-        natural, product = natural_gradient(
+        assert self.config.natural_step is not None
+        steps = natural_step(
             self.policy,
-            list(gradient),
+            [-part for part in gradient],
             outputs,
             lambda policy: policy.readout(policy.unroll(observations, actions, episodes.lengths)),
             episodes.mask,
             self.config.damping,
+            self.config.natural_step,
         )
-        assert self.config.natural_step is not None
-        length = math.sqrt(2.0 * self.config.natural_step / product) if product > 0.0 else 0.0
-        for parameter, part in zip(self.parameters, natural, strict=True):
-            parameter.grad = length * part
+        for parameter, step in zip(self.parameters, steps, strict=True):
+            parameter.grad = -step  # optimisers descend
 
     def _advantages(self, episodes: Episodes, surprises: NDArray[np.float32]) -> NDArray[np.float32]:
         """Generalised advantage estimates from R_t - b ``(T, N)``, which they are for a trace of 1."""

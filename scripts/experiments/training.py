@@ -23,7 +23,7 @@ from dpsearch.rollout import Episodes, Rollouts
 from scripts.experiments.jobs import Outcome
 
 # Settings that came after the first logs of runs, with what had been meant before: they count if they differ.
-LATER = {
+LATER: dict[str, Any] = {
     "readout": True,
     "previous_action": False,
     "learning_rate_halflife": None,
@@ -32,6 +32,13 @@ LATER = {
     "entropy_bonus": 0.0,
     "entropy_halflife": None,
     "wrong_turn_reward": -0.1,
+    "baseline_cells": 10,
+    "baseline_optimizer": "Adam",
+    "baseline_learning_rate": 0.01,
+    "baseline_optimizer_options": {},
+    "baseline_steps": 1,
+    "natural_step": None,
+    "damping": 0.01,
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from copy import deepcopy
 import itertools
+from copy import deepcopy
 from typing import Any
 from unittest import mock
 
@@ -291,7 +291,13 @@ FADING: dict[str, Any] = {"entropy_bonus": 0.1, "entropy_halflife": 5.0, "learni
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"baseline": "shared", "batch_steps": 150}, {"normalise_advantages": True, "trace": 0.9, **FADING}],
+    [
+        {},
+        {"baseline": "shared", "batch_steps": 150},
+        {"normalise_advantages": True, "trace": 0.9, **FADING},
+        {"baseline": "history"},
+        {"baseline": "history", "natural_step": 0.01, "gradient_length": None},
+    ],
 )
 def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
     settings = {"optimizer": "Adam", "learning_rate": 0.01, **settings}

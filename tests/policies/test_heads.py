@@ -167,3 +167,15 @@ def test_an_action_is_shown_one_hot_if_it_is_discrete_and_as_it_is_if_not() -> N
     assert head.echo_size == 5
     assert Gaussian(2).echo(torch.tensor([0.3, -4.0])).tolist() == pytest.approx([0.3, -4.0])
     assert (Gaussian(2).echo_size, Deterministic(3).echo_size) == (2, 3)
+
+
+@pytest.mark.parametrize("head", [Categorical([3, 2]), Gaussian(2)])
+def test_fisher_information_is_the_covariance_of_the_score(head: Head) -> None:
+    random = torch.Generator().manual_seed(3)
+    outputs = torch.randn(head.n_outputs, generator=random, dtype=torch.float64)
+    uniforms = torch.rand(400_000, head.draws, generator=random, dtype=torch.float64)
+    many = outputs.expand(len(uniforms), -1)
+    scores, _ = head.eligibilities(many, head.sample(many, uniforms), torch.ones(len(uniforms), dtype=torch.float64))
+    covariance = scores.T @ scores / len(scores)
+    information = torch.stack([head.fisher(outputs, e) for e in torch.eye(head.n_outputs, dtype=torch.float64)])
+    torch.testing.assert_close(information, covariance, rtol=0.03, atol=0.03)
