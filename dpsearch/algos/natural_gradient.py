@@ -23,7 +23,7 @@ from dpsearch.policies import RecurrentPolicy
 ITERATIONS = 10  # of conjugate gradients: more changes little
 TOLERANCE = 1e-3  # of the squared residual, relative to the gradient's
 SHORTENINGS, SLACK = 5, 1.2  # how often, and to what part of the divergence asked for
-PROBE = 1e-2  # length of the step in parameters whose effect on the outputs is measured
+PROBE = 1e-3  # length of the step in parameters whose effect on the outputs is measured
 
 
 def natural_step(
@@ -81,9 +81,10 @@ def natural_step(
         residual -= left / along * image
         before, left = left, float(residual @ residual)
         direction = residual + left / before * direction
-    if left == start:  # nothing to go for
+    gain = float(x @ g)
+    if gain <= 0.0:  # there is no gradient, or not to be told from rounding
         return [torch.zeros_like(part) for part in gradient]
-    x *= math.sqrt(2.0 * divergence / float(x @ g))
+    x *= math.sqrt(2.0 * divergence / gain)
     for _ in range(SHORTENINGS):
         change = change_of_outputs(x)
         reached = float((change * policy.head.fisher(seen, change)).sum() / (2.0 * counted.sum()))

@@ -3,6 +3,7 @@
 from scripts.experiments.experiment import Experiment, Illustration
 from scripts.experiments.functions import EXPERIMENTS as FUNCTIONS
 from scripts.experiments.functions_shown import FIG_4_4, TABLE_4_1
+from scripts.experiments.maze89 import EXPERIMENTS as MAZE89
 from scripts.experiments.poles import EXPERIMENTS as POLES
 from scripts.experiments.pomdp_properties import TABLE_7_1
 from scripts.experiments.pomdps import EXPERIMENTS as POMDPS
@@ -10,5 +11,16 @@ from scripts.experiments.tmaze import FIG_3_4, TMAZE_FAST, TMAZE_LONG
 
 EXPERIMENTS: dict[str, Experiment | Illustration] = {
     experiment.name: experiment
-    for experiment in (FIG_3_4, TABLE_4_1, FIG_4_4, *FUNCTIONS, *POLES, TABLE_7_1, *POMDPS, TMAZE_FAST, TMAZE_LONG)
+    for experiment in (
+        FIG_3_4,
+        TABLE_4_1,
+        FIG_4_4,
+        *FUNCTIONS,
+        *POLES,
+        TABLE_7_1,
+        *POMDPS,
+        *MAZE89,
+        TMAZE_FAST,
+        TMAZE_LONG,
+    )
 }
