@@ -101,6 +101,31 @@ class Maze4x3Config(EnvConfig):
 
 
 @dataclass
+class TorcsConfig(EnvConfig):
+    """Driving in TORCS; see ``dpsearch.envs.TORCS``.
+
+    Attributes:
+        track: Name of the track.
+        car: Name of the car.
+        speed_profile: [start, end, seconds] in km/h, km/h and s, a number, or null for the pedals.
+        observations: Names of what is seen.
+        lookahead: [base, gain] in m and s.
+        start: "line" or "random".
+        control_hz: Steps a second.
+        stuck_seconds: Time off the road after which the car is stuck.
+    """
+
+    track: str = MISSING
+    car: str = MISSING
+    speed_profile: Any = MISSING
+    observations: list[str] = MISSING
+    lookahead: list[float] = MISSING
+    start: str = MISSING
+    control_hz: float = MISSING
+    stuck_seconds: float = MISSING
+
+
+@dataclass
 class PomdpConfig(EnvConfig):
     """A finite POMDP from a file; see ``dpsearch.envs.POMDP``.
 
@@ -216,6 +241,7 @@ ENVS: dict[str, type[EnvConfig]] = {
     "single_pole_hidden": PolesConfig,
     "tiger": TigerConfig,
     "tmaze": TMazeConfig,
+    "torcs": TorcsConfig,
 }
 ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
 

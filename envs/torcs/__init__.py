@@ -6,6 +6,8 @@ which it is driven, is compiled against TORCS' headers and therefore under the G
 
 from dpsearch.envs.torcs.client import Simulator as Simulator
 from dpsearch.envs.torcs.client import State as State
-from dpsearch.envs.torcs.client import TorcsError as TorcsError
+from dpsearch.envs.torcs.installation import Installation as Installation
+from dpsearch.envs.torcs.installation import TorcsError as TorcsError
+from dpsearch.envs.torcs.reference import best_lap as best_lap
 
-__all__ = ["Simulator", "State", "TorcsError", "best_lap"]
+__all__ = ["Installation", "Simulator", "State", "TorcsError", "best_lap"]

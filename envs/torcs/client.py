@@ -11,8 +11,9 @@ import signal
 import socket
 import struct
 import subprocess
+import tempfile
 import weakref
-from typing import Final, NamedTuple
+from typing import IO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from dpsearch.envs.torcs.installation import OWN_CAR, SETUP, Installation, Race,
 PROTOCOL: Final = 1
 RAYS: Final = 9
 
+_LONGEST_SILENCE = 60.0  # s: TORCS starts in a tenth of a second, and answers much faster
 _HOLD, _PRESS, _PUT, _ROAD = range(4)
 _ORDER = struct.Struct("3d")
 _HELLO = struct.Struct("5d")
@@ -115,26 +117,29 @@ class Simulator:
     ) -> None:
         stage = Stage(Installation.find(), Race(track, car))
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            options = [theirs.fileno(), patience, control_hz, *lookahead, int(rays)]
-            stage.environment["DPSEARCH_LOCKSTEP"] = " ".join(map(str, options))
-            self._log = stage.root / "log"
-            with self._log.open("wb") as log:
+        try:
+            with theirs:
+                options = [theirs.fileno(), patience, control_hz, *lookahead, int(rays)]
+                stage.environment["DPSEARCH_LOCKSTEP"] = " ".join(map(str, options))
+                self._log = tempfile.TemporaryFile()  # noqa: SIM115  # for as long as the process
                 self._process = subprocess.Popen(
                     stage.command,
                     cwd=stage.root / "data",
                     env=stage.environment,
                     pass_fds=(theirs.fileno(),),
                     stdin=subprocess.DEVNULL,
-                    stdout=log,
+                    stdout=self._log,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,  # Ctrl-C is for us to handle
                 )
-        self._socket = ours
-        self._finalizer = weakref.finalize(self, _finish, os.getpid(), self._process, ours, stage)
-        self.pid = self._process.pid
-        ours.settimeout(60.0)  # it starts in a fraction of a second
-        protocol, self.length, self.steer_lock, self.mass, self.wheelbase = _HELLO.unpack(self._receive(_HELLO.size))
+            self.pid = self._process.pid
+            self._socket = ours
+            self._finalizer = weakref.finalize(self, _finish, os.getpid(), self._process, ours, self._log)
+            ours.settimeout(_LONGEST_SILENCE)
+            hello = _HELLO.unpack(self._receive(_HELLO.size))
+        finally:
+            stage.remove()  # once it runs, TORCS needs no files: so none remain, whatever comes to an end first
+        protocol, self.length, self.steer_lock, self.mass, self.wheelbase = hello
         if protocol != PROTOCOL:
             self.close()
             raise TorcsError(f"the robot for TORCS is of another version of dpsearch: run {SETUP}")
@@ -167,7 +172,7 @@ class Simulator:
         return np.frombuffer(self._receive(), np.float64).reshape(-1, 3)
 
     def close(self) -> None:
-        """Ends the process and removes its files."""
+        """Ends the process."""
         self._finalizer()
 
     def _state(self, *order: float) -> State:
@@ -186,7 +191,7 @@ class Simulator:
             record = self._socket.recv(1 << 20 if size is None else size + 1)
         except TimeoutError:
             self.close()
-            raise TorcsError("TORCS did not answer for a minute and was ended") from None
+            raise TorcsError(f"TORCS did not answer for {_LONGEST_SILENCE:.0f} s and was ended") from None
         except OSError as error:
             raise self._ended() from error
         if not record or size not in (None, len(record)):
@@ -202,17 +207,17 @@ class Simulator:
             how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
         except subprocess.TimeoutExpired:
             how = "answered nonsense"
-        lines = self._log.read_text(errors="replace").splitlines() if self._log.is_file() else []
+        self._log.seek(0)
+        lines = self._log.read().decode(errors="replace").splitlines()
         said = f"; its last words: {lines[-1].strip()}" if lines and not how.startswith("was killed") else ""
         self.close()
         return TorcsError(f"TORCS {how}{said}")
 
 
-def _finish(owner: int, process: subprocess.Popen[bytes], link: socket.socket, stage: Stage) -> None:
-    """Ends a process and removes its files, unless this is a fork of the process that they belong to."""
+def _finish(owner: int, process: subprocess.Popen[bytes], link: socket.socket, log: IO[bytes]) -> None:
+    """Ends a process, unless this is a fork of the process that it belongs to."""
     link.close()
-    if os.getpid() != owner:
-        return
-    process.kill()
-    process.wait()
-    stage.remove()
+    log.close()
+    if os.getpid() == owner:
+        process.kill()
+        process.wait()

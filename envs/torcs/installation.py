@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 
+import gymnasium
+
 HERE = Path(__file__).parent
 OWN_CAR = "gt1"
 """The car that comes with this package, ``gt1.xml``."""
@@ -68,8 +70,8 @@ _ROBOT = Template("""\
 """)
 
 
-class TorcsError(RuntimeError):
-    """TORCS is missing, could not be started, or has come to an end."""
+class TorcsError(gymnasium.error.Error, OSError):
+    """TORCS is missing, could not be started, or has come to an end: no fault of the program that used it."""
 
 
 def cache() -> Path:
@@ -118,6 +120,10 @@ class Installation:
         """The names of all tracks, and the category of each."""
         files = (self.data / "tracks").glob("*/*/*.xml")
         return {path.stem: path.parent.parent.name for path in sorted(files) if path.stem == path.parent.name}
+
+    def drivers(self) -> list[str]:
+        """The names of TORCS' own drivers, human ones left out."""
+        return sorted(path.name for path in (self.library / "drivers").iterdir() if path.name != "human")
 
     def check(self, track: str, car: str) -> None:
         """Refuses what is not there.
@@ -178,7 +184,7 @@ class Stage:
         arguments = [part for option, name in folders.items() for part in (option, str(self.root / name))]
         self.command = [str(installation.library / "torcs-bin"), *arguments]
         self.environment = {**os.environ, "LD_LIBRARY_PATH": str(installation.library / "lib")}
-        self.environment.pop("DISPLAY", None)
+        self.environment.pop("DISPLAY", None)  # it needs none
 
     def _lay_out(self, installation: Installation, race: Race) -> None:
         library, data, local = (self.root / name for name in ("lib", "data", "local"))
@@ -198,6 +204,10 @@ class Stage:
         driver = local / "drivers" / race.robot / f"{race.robot}.xml"
         driver.parent.mkdir(parents=True)
         driver.write_text(_ROBOT.substitute(names))
+
+    def results(self) -> list[Path]:
+        """The files with the results of the race."""
+        return sorted((self.root / "local" / "results").rglob("*.xml"))
 
     def remove(self) -> None:
         """Deletes the tree."""

@@ -180,7 +180,7 @@ class Driver {
     void send_state() const {
         tTrkLocPos here = car_->_trkPos;
         const double speed = car_->_speed_x, distance = options.base + options.gain * std::max(0.0, speed);
-        const tWheelState *wheel = car_->priv.wheel;
+        const double right = car_->priv.wheel[FRNT_RGT].relPos.az, left = car_->priv.wheel[FRNT_LFT].relPos.az;
         State state{};
         state.time = substeps_ * RCM_MAX_DT_SIMU;
         state.speed = speed;
@@ -191,7 +191,7 @@ class Driver {
         state.yaw = car_->_yaw;
         state.to_middle = here.toMiddle;
         state.width = here.seg->width;
-        state.steering = 0.5 * (wheel[FRNT_RGT].relPos.az + wheel[FRNT_LFT].relPos.az) / car_->_steerLock;
+        state.steering = (std::fabs(right) > std::fabs(left) ? right : left) / car_->_steerLock;  // the inner wheel
         state.along = road::along(here);
         state.angle = road::wrapped(car_->_yaw - RtTrackSideTgAngleL(&here));
         state.bearing = bearing(distance);
