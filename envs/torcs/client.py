@@ -178,7 +178,7 @@ class Simulator:
     def _state(self, *order: float) -> State:
         self._send(*order)
         values = _STATE.unpack(self._receive(_STATE.size))
-        return State(*values[:_SINGLE], values[_SINGLE:])
+        return State._make((*values[:_SINGLE], values[_SINGLE:]))
 
     def _send(self, *order: float) -> None:
         try:

@@ -45,13 +45,14 @@ from dpsearch.envs.driving import (
     Referee,
     driving_rules,
 )
+from dpsearch.envs.driving_drawing import View, picture, text
 from dpsearch.envs.torcs.client import Simulator, State
 from dpsearch.envs.torcs.installation import OWN_CAR, Installation, TorcsError
 
 _HIDDEN = len(State._fields) - 1  # all but the rays
 
 
-class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class TORCS(gym.Env[NDArray[Any], Any]):
     """One car on one track of TORCS, which runs as a process of its own from the first reset on.
 
     Args:
@@ -65,7 +66,7 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         control_hz: Steps a second, from 10 to 200.
         stuck_seconds: Time off the road after which the car is stuck.
         max_episode_steps: Steps after which an episode is cut off; 54,000 by default.
-        render_mode: "rgb_array", "human" (needs pygame) or None.
+        render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 
     Attributes:
         rules: What holds.
@@ -78,7 +79,7 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         gymnasium.error.DependencyNotInstalled: If the mode is "human" and pygame is missing.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 30}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human", "ansi"], "render_fps": 30}
     reward_threshold: float | None = None
 
     def __init__(
@@ -95,7 +96,7 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         render_mode: str | None = None,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be one of rgb_array, human, or None, got {render_mode!r}")
+            raise ValueError(f"render_mode must be one of rgb_array, human, ansi, or None, got {render_mode!r}")
         self.rules = driving_rules(
             speed_profile=speed_profile,
             observations=observations,
@@ -117,6 +118,11 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._simulator: Simulator | None = None
         self._referee: Referee | None = None
         self._elapsed = 0
+        self._return = 0.0
+        self._stuck = False
+        self._state: State | None = None
+        self._road: NDArray[np.float64] | None = None
+        self._trace: list[tuple[float, float]] = []
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -140,12 +146,12 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         state = simulator.put(distance, self.rules.target_speed(driven) / KMH)
         self._referee = Referee(self.rules, simulator.length)
         self._referee.reset(driven, min(state.along, simulator.length))
-        self._elapsed = 0
+        self._elapsed, self._return, self._stuck = 0, 0.0, False
+        self._trace.clear()
+        self._follow(state)
         return self._told(state)
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Plays one step.
 
         Raises:
@@ -164,13 +170,15 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
                 state = simulator.press(numbers[0], numbers[1])
         except TorcsError as error:
             raise TorcsError(f"{error}; a reset starts it anew") from error
-        reward, stuck = referee.step(state.speed * KMH, 2.0 * state.to_middle / state.width, state.along)
+        reward, self._stuck = referee.step(state.speed * KMH, 2.0 * state.to_middle / state.width, state.along)
         self._elapsed += 1
+        self._return += reward
+        self._follow(state)
         truncated = self._elapsed >= self.max_episode_steps
         observation, info = self._told(state)
-        if stuck or truncated:
+        if self._stuck or truncated:
             info["carry_on"] = referee.carry_on()
-        return observation, reward, stuck, truncated, info
+        return observation, reward, self._stuck, truncated, info
 
     def _running(self) -> Simulator:
         if self._simulator is None or not self._simulator.running:
@@ -195,7 +203,7 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         referee = self._referee
         assert referee is not None
         speed, position = state.speed * KMH, 2.0 * state.to_middle / state.width
-        seen = {
+        seen: dict[str, float | Sequence[float]] = {
             "speed": speed,
             "steering": state.steering,
             "position": position,
@@ -209,9 +217,70 @@ class TORCS(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info["state"] = np.array(state[:_HIDDEN])
         return self.rules.show(seen), info
 
+    def _follow(self, state: State) -> None:
+        self._state = state
+        if self.render_mode is not None:
+            self._trace.append((state.x, state.y))
+        if self._window is not None:
+            self._window.show(self.picture())
+
+    def view(self) -> View:
+        """What there is to be seen of the present moment."""
+        simulator, state, referee = self._simulator, self._state, self._referee
+        assert simulator is not None and state is not None and referee is not None
+        if self._road is None:
+            self._road = simulator.road()
+        speed = state.speed * KMH
+        places = np.linspace(0.0, simulator.length, len(self._road), endpoint=False)
+        ahead = state.along + self.rules.lookahead_distance(speed)
+        x, y = (float(np.interp(ahead, places, self._road[:, i], period=simulator.length)) for i in range(2))
+        return View(
+            title=f"TORCS: {self.track}",
+            line=self._road[:, :2],
+            width=self._road[:, 2],
+            car=(state.x, state.y, state.yaw),
+            wheels=state.steering * simulator.steer_lock,
+            lock=simulator.steer_lock,
+            lookahead=(x, y),
+            trace=np.array(self._trace),
+            speed=speed,
+            target=None if self.rules.profile is None else self.rules.target_speed(referee.driven_steps),
+            position=2.0 * state.to_middle / state.width,
+            distance=state.along,
+            length=simulator.length,
+            laps=referee.laps,
+            lap_time=referee.lap_time,
+            off_road=referee.off_road,
+            stuck=self._stuck,
+            seconds=self._elapsed / self.rules.control_hz,
+            step=self._elapsed,
+            max_steps=self.max_episode_steps,
+            episode_return=self._return,
+        )
+
+    def picture(self) -> Frame:
+        """The present moment as a picture, ``(540, 960, 3)``."""
+        return picture(self.view())
+
     def render(self) -> Any:
-        """A frame in mode "rgb_array"; mode "human" shows it in a window."""
-        raise NotImplementedError
+        """A frame in mode "rgb_array", a sketch in mode "ansi"; mode "human" shows the frame in a window.
+
+        Raises:
+            gymnasium.error.ResetNeeded: Before the first reset.
+        """
+        if self.render_mode is None:
+            gym.logger.warn(
+                "nothing is drawn unless the environment is made with a render_mode: rgb_array, human, ansi"
+            )
+            return None
+        if self._state is None:
+            raise gym.error.ResetNeeded("call reset before render")
+        if self.render_mode == "ansi":
+            return text(self.view())
+        if self._window is None:
+            return self.picture()
+        self._window.show(self.picture())
+        return None
 
     def close(self) -> None:
         """Ends TORCS, and closes the window, if there is one."""
