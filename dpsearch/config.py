@@ -101,6 +101,31 @@ class Maze4x3Config(EnvConfig):
 
 
 @dataclass
+class TrackConfig(EnvConfig):
+    """Driving; see ``dpsearch.envs.Track``.
+
+    Attributes:
+        track: A seed, a name or a list of segments.
+        width: Of the road (m).
+        speed_profile: Start and end in km/h and the seconds between; one speed; null for pedals.
+        observations: Names of what is seen.
+        lookahead: Base (m) and gain (s) of the look-ahead distance.
+        start: "line" or "random".
+        control_hz: Steps a second.
+        stuck_seconds: Time off the road after which an episode is over.
+    """
+
+    track: Any = MISSING
+    width: float = MISSING
+    speed_profile: Any = MISSING
+    observations: list[str] = MISSING
+    lookahead: list[float] = MISSING
+    start: str = MISSING
+    control_hz: float = MISSING
+    stuck_seconds: float = MISSING
+
+
+@dataclass
 class PomdpConfig(EnvConfig):
     """A finite POMDP from a file; see ``dpsearch.envs.POMDP``.
 
@@ -216,6 +241,7 @@ ENVS: dict[str, type[EnvConfig]] = {
     "single_pole_hidden": PolesConfig,
     "tiger": TigerConfig,
     "tmaze": TMazeConfig,
+    "track": TrackConfig,
 }
 ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from dpsearch.envs.task import Task as Task
     from dpsearch.envs.tiger import Tiger as Tiger
     from dpsearch.envs.tmaze import TMaze as TMaze
+    from dpsearch.envs.track import Track as Track
     from dpsearch.envs.wrappers import HiddenState as HiddenState
     from dpsearch.envs.wrappers import ObserveOnly as ObserveOnly
     from dpsearch.envs.wrappers import PreviousAction as PreviousAction
@@ -61,6 +62,7 @@ _HOMES = {
     "TabularPOMDP": "dpsearch.envs.tabular",
     "Task": "dpsearch.envs.task",
     "Tiger": "dpsearch.envs.tiger",
+    "Track": "dpsearch.envs.track",
 }
 
 __all__ = [
@@ -86,6 +88,7 @@ __all__ = [
     "TabularPOMDP",
     "Task",
     "Tiger",
+    "Track",
 ]
 
 
@@ -121,3 +124,4 @@ _register("dpsearch/Maze89-v0", "dpsearch.envs.maze89:Maze89", reward_threshold=
 _register("dpsearch/POMDP-v0", "dpsearch.envs.pomdp_env:POMDP")  # what counts as solved is up to the file
 for _name in ("SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"):
     _register(f"dpsearch/{_name}-v0", f"dpsearch.envs.poles:{_name}", reward_threshold=100_000.0)
+_register("dpsearch/Track-v0", "dpsearch.envs.track:Track")  # returns depend on the profile: none counts as solved
