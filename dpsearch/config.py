@@ -101,28 +101,50 @@ class Maze4x3Config(EnvConfig):
 
 
 @dataclass
-class TorcsConfig(EnvConfig):
-    """Driving in TORCS; see ``dpsearch.envs.TORCS``.
+class DrivingConfig(EnvConfig):
+    """Driving; see ``dpsearch.envs.driving``.
 
     Attributes:
-        track: Name of the track.
-        car: Name of the car.
-        speed_profile: [start, end, seconds] in km/h, km/h and s, a number, or null for the pedals.
+        speed_profile: Start and end in km/h and the seconds between; one speed; null for pedals.
         observations: Names of what is seen.
-        lookahead: [base, gain] in m and s.
+        lookahead: Base (m) and gain (s) of the look-ahead distance.
         start: "line" or "random".
         control_hz: Steps a second.
-        stuck_seconds: Time off the road after which the car is stuck.
+        stuck_seconds: Time off the road after which an episode is over.
     """
 
-    track: str = MISSING
-    car: str = MISSING
     speed_profile: Any = MISSING
     observations: list[str] = MISSING
     lookahead: list[float] = MISSING
     start: str = MISSING
     control_hz: float = MISSING
     stuck_seconds: float = MISSING
+
+
+@dataclass
+class TrackConfig(DrivingConfig):
+    """Driving on a track of our own; see ``dpsearch.envs.Track``.
+
+    Attributes:
+        track: A seed, a name or a list of segments.
+        width: Of the road (m).
+    """
+
+    track: Any = MISSING
+    width: float = MISSING
+
+
+@dataclass
+class TorcsConfig(DrivingConfig):
+    """Driving in TORCS; see ``dpsearch.envs.TORCS``.
+
+    Attributes:
+        track: Name of the track.
+        car: Name of the car.
+    """
+
+    track: str = MISSING
+    car: str = MISSING
 
 
 @dataclass
@@ -242,6 +264,7 @@ ENVS: dict[str, type[EnvConfig]] = {
     "tiger": TigerConfig,
     "tmaze": TMazeConfig,
     "torcs": TorcsConfig,
+    "track": TrackConfig,
 }
 ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from dpsearch.envs.tmaze import TMaze as TMaze
     from dpsearch.envs.torcs import TorcsError as TorcsError
     from dpsearch.envs.torcs.env import TORCS as TORCS
+    from dpsearch.envs.track import Track as Track
     from dpsearch.envs.wrappers import HiddenState as HiddenState
     from dpsearch.envs.wrappers import ObserveOnly as ObserveOnly
     from dpsearch.envs.wrappers import PreviousAction as PreviousAction
@@ -65,6 +66,7 @@ _HOMES = {
     "Task": "dpsearch.envs.task",
     "Tiger": "dpsearch.envs.tiger",
     "TorcsError": "dpsearch.envs.torcs",
+    "Track": "dpsearch.envs.track",
 }
 
 __all__ = [
@@ -92,6 +94,7 @@ __all__ = [
     "Task",
     "Tiger",
     "TorcsError",
+    "Track",
 ]
 
 
@@ -128,3 +131,4 @@ _register("dpsearch/POMDP-v0", "dpsearch.envs.pomdp_env:POMDP")  # what counts a
 for _name in ("SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"):
     _register(f"dpsearch/{_name}-v0", f"dpsearch.envs.poles:{_name}", reward_threshold=100_000.0)
 _register("dpsearch/TORCS-v0", "dpsearch.envs.torcs.env:TORCS", vector=False)  # returns are up to track and speed
+_register("dpsearch/Track-v0", "dpsearch.envs.track:Track")  # returns depend on the profile: none counts as solved

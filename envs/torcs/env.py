@@ -227,7 +227,9 @@ class TORCS(gym.Env[NDArray[Any], Any]):
     def view(self) -> View:
         """What there is to be seen of the present moment."""
         simulator, state, referee = self._simulator, self._state, self._referee
-        assert simulator is not None and state is not None and referee is not None
+        assert simulator is not None
+        assert state is not None
+        assert referee is not None
         if self._road is None:
             self._road = simulator.road()
         speed = state.speed * KMH
