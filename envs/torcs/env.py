@@ -2,14 +2,13 @@ r"""The real TORCS as an environment: a racing car, steered 30 times a second.
 
 ::
 
-            .-------------------.
-           /   .-------------.   \         e-track-1: 3,244 m, 15 m wide
-          /   /               \   \
-         |   |     .-----------'   |
-         |   |    /   .------------'
-         |   |   |   |
-          \   \_/  o/               the car: 950 kg, 600 hp, rear wheel drive
-           \______-/
+         __________________
+       .'        ._________)
+      /     .____|
+     {      |   .----.          e-track-1: 3,244 m, 15 m wide
+      \     `--'      `.        the car: 950 kg, 600 hp, rear wheel drive
+       `._______|_______}
+                start
 
 What is done, seen and earned is said in :mod:`dpsearch.envs.driving`: the same as in the embedded track, so that what
 learns there can drive here. Time stands still between two steps; an episode is a function of its start and the actions,
@@ -243,6 +242,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
             car=(state.x, state.y, state.yaw),
             wheels=state.steering * simulator.steer_lock,
             lock=simulator.steer_lock,
+            verge=None,  # TORCS' walls stand here and there
             lookahead=(x, y),
             trace=np.array(self._trace),
             speed=speed,

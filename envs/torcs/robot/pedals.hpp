@@ -21,7 +21,12 @@ class Pedals {
         reset();
     }
 
-    void reset() { correction_ = 0.0; }
+    // Forgets what was, the last readings of the instruments too.
+    void reset() {
+        correction_ = 0.0;
+        car_->_enginerpm = tickover_;
+        car_->_gear = 0;
+    }
 
     double mass() const { return mass_; }
 
