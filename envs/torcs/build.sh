@@ -4,6 +4,8 @@ set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 cache=${XDG_CACHE_HOME:-$HOME/.cache}/dpsearch/torcs
+# Named after what it is compiled from, as installation.py has it too: each version of dpsearch finds its own.
+robot=$cache/lockstep-$(cat "$here"/robot/*.{cpp,hpp} "$here/robot/plib/sg.h" | sha256sum | cut -c 1-16).so
 
 usage() {
   cat <<END
@@ -89,12 +91,8 @@ build_robot() {
     fail "g++ could not compile $here/robot/lockstep.cpp"
   }
   chmod 755 "$so"
-  mv "$so" "$cache/lockstep.so" # at once: a TORCS that is starting finds either the old or the new one
-  sources >"$cache/lockstep.sources"
+  mv "$so" "$robot"
 }
-
-# What the robot is compiled from, to see when it is out of date.
-sources() { cat "$here"/robot/*.{cpp,hpp} "$here"/robot/plib/sg.h | sha256sum; }
 
 if (($#)); then
   usage
@@ -114,7 +112,7 @@ if [[ ! -f $cache/include/robot.h ]]; then
   fetch_headers
   verb="is now"
 fi
-if [[ ! -f $cache/lockstep.so || $(sources) != "$(cat "$cache/lockstep.sources" 2>/dev/null)" ]]; then
+if [[ ! -f $robot ]]; then
   build_robot
   verb="is now"
 fi

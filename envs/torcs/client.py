@@ -18,15 +18,14 @@ from typing import IO, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dpsearch.envs.torcs.installation import OWN_CAR, SETUP, Installation, Race, Stage, TorcsError
+from dpsearch.envs.torcs.installation import OWN_CAR, Installation, Race, Stage, TorcsError
 
-PROTOCOL: Final = 1
 RAYS: Final = 9
 
 _LONGEST_SILENCE = 60.0  # s: TORCS starts in a tenth of a second, and answers much faster
 _HOLD, _PRESS, _PUT, _ROAD = range(4)
 _ORDER = struct.Struct("3d")
-_HELLO = struct.Struct("5d")
+_HELLO = struct.Struct("4d")
 
 
 class State(NamedTuple):
@@ -139,10 +138,7 @@ class Simulator:
             hello = _HELLO.unpack(self._receive(_HELLO.size))
         finally:
             stage.remove()  # once it runs, TORCS needs no files: so none remain, whatever comes to an end first
-        protocol, self.length, self.steer_lock, self.mass, self.wheelbase = hello
-        if protocol != PROTOCOL:
-            self.close()
-            raise TorcsError(f"the robot for TORCS is of another version of dpsearch: run {SETUP}")
+        self.length, self.steer_lock, self.mass, self.wheelbase = hello
 
     @property
     def running(self) -> bool:

@@ -69,6 +69,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
 
     Attributes:
         rules: What holds.
+        simulator: TORCS, once there has been a reset.
         max_episode_steps: As above.
         reward_threshold: None: how fast one can go is up to the track.
 
@@ -114,7 +115,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         self.state_space = spaces.Box(-np.inf, np.inf, (_HIDDEN,), np.float64)
         self.render_mode = render_mode
         self._window = Window("TORCS", self.metadata["render_fps"]) if render_mode == "human" else None
-        self._simulator: Simulator | None = None
+        self.simulator: Simulator | None = None
         self._referee: Referee | None = None
         self._elapsed = 0
         self._return = 0.0
@@ -158,7 +159,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
             gymnasium.error.ResetNeeded: Before the first reset.
             TorcsError: If TORCS has come to an end.
         """
-        simulator, referee = self._simulator, self._referee
+        simulator, referee = self.simulator, self._referee
         if simulator is None or referee is None:
             raise gym.error.ResetNeeded("call reset before step")
         numbers = self._checked(action)
@@ -180,15 +181,15 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         return observation, reward, self._stuck, truncated, info
 
     def _running(self) -> Simulator:
-        if self._simulator is None or not self._simulator.running:
-            self._simulator = Simulator(
+        if self.simulator is None or not self.simulator.running:
+            self.simulator = Simulator(
                 self.track,
                 self.car,
                 control_hz=self.rules.control_hz,
                 lookahead=self.rules.lookahead,
                 rays="rays" in self.rules.observations,
             )
-        return self._simulator
+        return self.simulator
 
     def _checked(self, action: Any) -> list[float]:
         """The action's numbers, taken to the bounds of the action space if they lie beyond."""
@@ -225,7 +226,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
 
     def view(self) -> View:
         """What there is to be seen of the present moment."""
-        simulator, state, referee = self._simulator, self._state, self._referee
+        simulator, state, referee = self.simulator, self._state, self._referee
         assert simulator is not None
         assert state is not None
         assert referee is not None
@@ -286,7 +287,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
 
     def close(self) -> None:
         """Ends TORCS, and closes the window, if there is one."""
-        if self._simulator is not None:
-            self._simulator.close()
+        if self.simulator is not None:
+            self.simulator.close()
         if self._window is not None:
             self._window.close()

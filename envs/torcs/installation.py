@@ -6,6 +6,7 @@ added. It is removed afterwards.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
@@ -74,10 +75,13 @@ class TorcsError(gymnasium.error.Error, OSError):
     """TORCS is missing, could not be started, or has come to an end: no fault of the program that used it."""
 
 
-def cache() -> Path:
-    """Where ``build.sh`` keeps what it makes."""
+def _robot() -> Path:
+    """Our robot, compiled; ``build.sh`` has the same name for it."""
     home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "dpsearch" / "torcs"
+    cache = (Path(home) if home else Path.home() / ".cache") / "dpsearch" / "torcs"
+    sources = [path for suffix in ("cpp", "hpp") for path in sorted((HERE / "robot").glob(f"*.{suffix}"))]
+    text = b"".join(path.read_bytes() for path in [*sources, HERE / "robot" / "plib" / "sg.h"])
+    return cache / f"lockstep-{hashlib.sha256(text).hexdigest()[:16]}.so"
 
 
 @dataclass(frozen=True)
@@ -106,9 +110,9 @@ class Installation:
         data = next((path for path in map(Path, _DATA) if (path / "tracks").is_dir()), None)
         if library is None or data is None:
             raise TorcsError(f"TORCS is not installed: run {SETUP}")
-        robot = cache() / "lockstep.so"
+        robot = _robot()
         if not robot.is_file():
-            raise TorcsError(f"TORCS is installed, but {robot} is missing: run {SETUP}")
+            raise TorcsError(f"TORCS is installed, but our robot for it, {robot}, is missing: run {SETUP}")
         return cls(library, data, robot)
 
     def cars(self) -> list[str]:

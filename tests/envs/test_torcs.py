@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from dpsearch.envs import TORCS, HiddenState
 from dpsearch.envs.driving import OBSERVATIONS
 from dpsearch.envs.torcs import State, best_lap
+from dpsearch.policies.heads import Gaussian
+from dpsearch.policies.recurrent import RecurrentPolicy
 from dpsearch.rollout.vector import VectorRollouts
 from tests.envs.torcs_wanted import require_torcs
 
@@ -53,7 +55,7 @@ def drive(env: TORCS, steps: int, **options: Any) -> list[dict[str, Any]]:
 def leave_the_road(env: TORCS, steering: float = 0.3) -> list[tuple[float, bool, dict[str, Any]]]:
     """Reward, end and info of all steps of an episode without a driver."""
     env.reset(options={"distance": 1500.0})
-    steps = []
+    steps: list[tuple[float, bool, dict[str, Any]]] = []
     while not steps or not steps[-1][1]:
         _, reward, terminated, _, info = env.step(np.array([steering], np.float32))
         steps.append((reward, terminated, info))
@@ -310,16 +312,19 @@ def test_the_hidden_state_can_be_shown() -> None:
     env.close()
 
 
-def test_the_vector_engine_plays_it() -> None:
-    rollouts = VectorRollouts(ID, num_envs=2, env_kwargs={"speed_profile": 40.0}, max_episode_steps=50)
-    assert rollouts.max_steps == 50
-    assert rollouts.observation_size == 4
-    rollouts.close()
+def test_in_the_vector_engine_an_episode_does_not_depend_on_how_many_there_are() -> None:
+    policy = RecurrentPolicy(4, Gaussian(1))
+    returns = []
+    for lanes in (1, 3):
+        rollouts = VectorRollouts(ID, num_envs=lanes, env_kwargs={"start": "random"}, max_episode_steps=50)
+        returns.append(rollouts.collect(policy, 4, key=1).returns)
+        rollouts.close()
+    assert (returns[0] == returns[1]).all()
 
 
 def test_torcs_own_driver_knows_the_track() -> None:
     assert 60.0 < best_lap(laps=2) < 75.0
-    with pytest.raises(ValueError, match="driver must be one of .*berniw.*, got 'hamilton'"):
+    with pytest.raises(ValueError, match=r"driver must be one of .*berniw.*, got 'hamilton'"):
         best_lap(driver="hamilton")
     with pytest.raises(ValueError, match="laps must be at least 1, got 0"):
         best_lap(laps=0)

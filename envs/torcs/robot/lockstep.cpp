@@ -4,9 +4,9 @@
 //
 // The other end is a socket (AF_UNIX, SOCK_SEQPACKET) that this process has inherited. The environment variable
 // DPSEARCH_LOCKSTEP holds its number and the options: "fd patience hz base gain rays", see Options. Records are native
-// doubles, one a message. From here, once: protocol version, length of the road, steering lock, mass, wheelbase,
-// then after each order a State, but after ROAD the middle line. To here: an Order. If the other end closes, or is
-// silent for too long, TORCS exits.
+// doubles, one a message. From here, once: length of the road, steering lock, mass, wheelbase; then after each order a
+// State, but after ROAD the middle line. To here: an Order. If the other end closes, or is silent for too long, TORCS
+// exits.
 #include <cstdio>
 #include <cstdlib>
 #include <sys/socket.h>
@@ -21,7 +21,6 @@ extern tRmInfo *ReInfo;  // the race, exported by TORCS' race engine
 
 namespace {
 
-constexpr double PROTOCOL = 1;
 constexpr int RAYS = 9;
 constexpr double FARTHEST = 100.0;             // m, of a ray
 constexpr double WIDEST = M_PI / 3;            // rad, of the outer rays
@@ -31,8 +30,8 @@ constexpr double SETTLING = 0.3;               // s that it then rolls, besides 
 
 struct Options {
     int socket = -1;
-    double patience = 600;                     // s that the other end may be silent
-    double hz = 30;                            // control steps a second
+    double patience = 0;                       // s that the other end may be silent
+    double hz = 0;                             // control steps a second
     double base = 0, gain = 0;                 // look-ahead: base + gain * speed
     int rays = 0;                              // whether rays are wanted
 } options;
@@ -85,7 +84,7 @@ void read_options() {
 class Driver {
   public:
     Driver(tCarElt *car, tSituation *situation) : car_(car), situation_(situation), pedals_(car) {
-        const double hello[] = {PROTOCOL, track->length, car->_steerLock, pedals_.mass(), wheelbase()};
+        const double hello[] = {track->length, car->_steerLock, pedals_.mass(), wheelbase()};
         send_record(hello, sizeof hello);
     }
 
