@@ -70,15 +70,16 @@ class Scale(NamedTuple):
 
 OBSERVATIONS: Final[Mapping[str, Scale]] = {
     "speed": Scale(40.0, 17.3),  # km/h: of the profile, whose deviation is (70 - 10) / sqrt(12)
-    "steering": Scale(0.0, 0.05),  # fraction of the lock
-    "position": Scale(0.0, 0.3),  # half widths of the road
-    "lookahead": Scale(0.0, 0.15),  # rad
+    "steering": Scale(0.0, 0.04),  # fraction of the lock
+    "position": Scale(0.0, 0.2),  # half widths of the road
+    "lookahead": Scale(0.0, 0.12),  # rad
     "angle": Scale(0.0, 0.05),  # rad
-    "curvature": Scale(0.0, 0.01),  # 1/m
-    "rays": Scale(40.0, 35.0, len(RAY_ANGLES)),  # m
+    "curvature": Scale(0.0, 0.008),  # 1/m
+    "rays": Scale(20.0, 23.0, len(RAY_ANGLES)),  # m
     "target": Scale(40.0, 17.3),  # km/h
 }
-"""All there is to be seen."""
+"""All there is to be seen. The numbers are those of an unsteady hand that heads for the look-ahead point, on random
+tracks."""
 THESIS_OBSERVATIONS: Final = ("speed", "steering", "position", "lookahead")
 
 
@@ -212,6 +213,8 @@ def driving_rules(
     names = [observations] if isinstance(observations, str) else list(observations)
     if not names or len(set(names)) < len(names) or not set(names) <= set(OBSERVATIONS):
         raise ValueError(f"observations must be some of {', '.join(OBSERVATIONS)}, each once, got {observations!r}")
+    if "target" in names and speed_profile is None:
+        raise ValueError("observations can't have target without a speed_profile")
     ahead = _numbers(lookahead, 2)
     if ahead is None or not (0.0 < ahead[0] <= 200.0 and 0.0 <= ahead[1] <= 10.0):
         raise ValueError(f"lookahead must be a base in (0, 200] m and a gain in [0, 10] s, got {lookahead!r}")
