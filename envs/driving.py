@@ -15,6 +15,7 @@ speed that rises linearly from 10 km/h to 70 km/h in 30 minutes.
 - *Reward* of a step: the speed in km/h. Off the road -100 instead. A car that has been off the road for
   ``stuck_seconds`` on end is stuck: -1000 and the end of the episode. The thesis does not say when a car counts as
   stuck, nor whether penalties come on top of the speed; they do not here, so that nothing can be earned off the road.
+  It is the speed wherever one goes: while the car is slow, circles within the road pay as well as laps.
 - *Afterwards* the car is put back on the road where it left it, and the speed goes on from where it was: the last
   ``info`` of an episode has ``carry_on``, the options with which the next ``reset`` does that.
 """

@@ -82,15 +82,14 @@ class PlainCar:
         return state, goal if seconds >= turning else wheels
 
 
-def steer_ahead(observation: NDArray[Any], names: tuple[str, ...], car: Car, gain: float = 1.0) -> float:
-    """Steering that would lead to the look-ahead point on an arc, as a fraction of the lock (pure pursuit)."""
+def steer_ahead(observation: NDArray[Any], names: tuple[str, ...], car: Car) -> Any:
+    """Steering that would lead to the look-ahead point on an arc, as a fraction of the lock, for one car or many."""
     seen = {}
     for name in ("speed", "lookahead"):
         seen[name] = observation[..., names.index(name)] * OBSERVATIONS[name].deviation + OBSERVATIONS[name].mean
     distance = 10.0 + seen["speed"] / KMH
     arc = np.arctan(2.0 * car.wheelbase * np.sin(seen["lookahead"]) / distance)
-    action: float = gain * arc / car.lock
-    return action
+    return arc / car.lock
 
 
 def ground(env: Track) -> tuple[Array, float]:

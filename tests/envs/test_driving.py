@@ -40,7 +40,7 @@ def test_observations_are_shifted_and_scaled_in_the_order_that_was_asked_for() -
     scale = OBSERVATIONS["rays"]
     expected = [*((rays - scale.mean) / scale.deviation), -0.5 / OBSERVATIONS["position"].deviation, 1.0]
     np.testing.assert_allclose(shown, expected, rtol=1e-6)
-    assert (shown.shape, shown.dtype) == (rules.observation_space.shape, np.float32)
+    assert shown in rules.observation_space
     assert RAY_ANGLES[0] == -RAY_ANGLES[-1] == math.radians(-60)
 
 
@@ -111,9 +111,11 @@ def test_laps_are_counted_from_the_distance_and_not_by_going_to_and_fro() -> Non
     referee.reset(300, 95.0)
     for distance in (99.0, 3.0, 99.0, 3.0, 40.0, 80.0):  # over the line, back, and over it again
         referee.step(50.0, 0.0, distance)
-    assert (referee.laps, referee.lap_time, referee.progress) == (0, 0.0, pytest.approx(85.0))
+    assert (referee.laps, referee.lap_time) == (0, 0.0)
+    assert referee.progress == pytest.approx(85.0)
     referee.step(50.0, 0.0, 96.0)
-    assert (referee.laps, referee.lap_time) == (1, pytest.approx(7 / 30))
+    assert referee.laps == 1
+    assert referee.lap_time == pytest.approx(7 / 30)
     info = referee.info(50.0, 0.25)
     assert info == {
         "speed": 50.0,
