@@ -15,6 +15,7 @@ speed that rises linearly from 10 km/h to 70 km/h in 30 minutes.
 - *Reward* of a step: the speed in km/h. Off the road -100 instead. A car that has been off the road for
   ``stuck_seconds`` on end is stuck: -1000 and the end of the episode. The thesis does not say when a car counts as
   stuck, nor whether penalties come on top of the speed; they do not here, so that nothing can be earned off the road.
+  It is the speed wherever one goes: while the car is slow, circles within the road pay as well as laps.
 - *Afterwards* the car is put back on the road where it left it, and the speed goes on from where it was: the last
   ``info`` of an episode has ``carry_on``, the options with which the next ``reset`` does that.
 """
@@ -70,15 +71,16 @@ class Scale(NamedTuple):
 
 OBSERVATIONS: Final[Mapping[str, Scale]] = {
     "speed": Scale(40.0, 17.3),  # km/h: of the profile, whose deviation is (70 - 10) / sqrt(12)
-    "steering": Scale(0.0, 0.05),  # fraction of the lock
-    "position": Scale(0.0, 0.3),  # half widths of the road
-    "lookahead": Scale(0.0, 0.15),  # rad
+    "steering": Scale(0.0, 0.04),  # fraction of the lock
+    "position": Scale(0.0, 0.2),  # half widths of the road
+    "lookahead": Scale(0.0, 0.12),  # rad
     "angle": Scale(0.0, 0.05),  # rad
-    "curvature": Scale(0.0, 0.01),  # 1/m
-    "rays": Scale(40.0, 35.0, len(RAY_ANGLES)),  # m
+    "curvature": Scale(0.0, 0.008),  # 1/m
+    "rays": Scale(20.0, 23.0, len(RAY_ANGLES)),  # m
     "target": Scale(40.0, 17.3),  # km/h
 }
-"""All there is to be seen."""
+"""All there is to be seen. The numbers are those of an unsteady hand that heads for the look-ahead point, on random
+tracks."""
 THESIS_OBSERVATIONS: Final = ("speed", "steering", "position", "lookahead")
 
 
@@ -212,6 +214,8 @@ def driving_rules(
     names = [observations] if isinstance(observations, str) else list(observations)
     if not names or len(set(names)) < len(names) or not set(names) <= set(OBSERVATIONS):
         raise ValueError(f"observations must be some of {', '.join(OBSERVATIONS)}, each once, got {observations!r}")
+    if "target" in names and speed_profile is None:
+        raise ValueError("observations can't have target without a speed_profile")
     ahead = _numbers(lookahead, 2)
     if ahead is None or not (0.0 < ahead[0] <= 200.0 and 0.0 <= ahead[1] <= 10.0):
         raise ValueError(f"lookahead must be a base in (0, 200] m and a gain in [0, 10] s, got {lookahead!r}")

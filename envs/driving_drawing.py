@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dpsearch.envs import palette
 from dpsearch.envs.drawing import Canvas, Frame, Point
-from dpsearch.envs.driving import KMH
 from dpsearch.envs.scene import MARGIN, WIDTH, Card, Message, stage
 
 Array = NDArray[np.float64]
@@ -250,7 +249,7 @@ def text(view: View) -> str:
         [
             f"{''.join(marks)}  {view.message()[0]}",
             f" {view.speed:.1f} km/h{asked}, position {view.position:+.2f}, wheels {math.degrees(view.wheels):+.1f}°",
-            f" {view.distance:,.0f} of {view.length:,.0f} m, {view.laps} laps, at {view.speed / KMH:.1f} m/s",
+            f" {view.distance:,.0f} of {view.length:,.0f} m, {view.laps} laps",
             f" {view.step:,} of {view.max_steps:,} steps, return {view.episode_return:,.0f}",
         ]
     )

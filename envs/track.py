@@ -285,3 +285,4 @@ class TrackVector(VectorOf):
     """Many :class:`Track`."""
 
     scalar = Track
+    task: TrackTask

@@ -33,7 +33,7 @@ _BEND, _HEADING, _AHEAD_X, _AHEAD_Y, _AHEAD_BEND = range(HIDDEN + 6, HIDDEN + 11
 """Rows with the road: its curvature in the next step, its heading here, where it is at the look-ahead distance."""
 STATE_SIZE: Final = HIDDEN + 11
 
-_SUBSTEP: Final = 1.0 / 60.0  # s, at most
+_SUBSTEP: Final = 1.0 / 120.0  # s, at most
 _AHEAD: Final = 16  # samples by which the tables go on beyond a lap
 
 # In `floats`, first the car:
