@@ -1,4 +1,5 @@
 import re
+from inspect import signature
 from pathlib import Path
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ from omegaconf import DictConfig
 import dpsearch.train  # noqa: F401  # registers the schemas
 from dpsearch.algos import RPGConfig
 from dpsearch.config import ALGOS, ENVS, TrainConfig, checked
-from dpsearch.envs import Track
+from dpsearch.envs import TORCS, Track
 from dpsearch.policies import PolicyConfig
 from dpsearch.runs import EnvRecipe, RunError
 
@@ -80,6 +81,15 @@ def test_the_track_is_described_by_its_arguments() -> None:
         assert composed("env=track", f"env.speed_profile={given}").env.recipe().kwargs["speed_profile"] == expected
     segments = composed("env=track", "env.track=[[straight,500],[turn,120,180],[straight,500],[turn,120,180]]")
     np.testing.assert_array_equal(Track(**segments.env.recipe().kwargs).task.shape.x, Track("oval").task.shape.x)
+
+
+def test_torcs_is_configured_as_its_class_is_by_default() -> None:
+    recipe = composed("env=torcs").env.recipe()
+    assert recipe.id == "dpsearch.envs:dpsearch/TORCS-v0"
+    defaults = {name: argument.default for name, argument in signature(TORCS).parameters.items()}
+    assert defaults.pop("render_mode") is None
+    lists = {name: list(value) if isinstance(value, tuple) else value for name, value in defaults.items()}
+    assert recipe.kwargs == lists
 
 
 @pytest.mark.parametrize(("group", "schemas"), [("algo", ALGOS), ("env", ENVS)])

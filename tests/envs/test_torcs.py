@@ -62,7 +62,9 @@ def leave_the_road(env: TORCS, steering: float = 0.3) -> list[tuple[float, bool,
     return steps
 
 
-@pytest.mark.parametrize("arguments", [{}, {"speed_profile": None, "observations": EVERYTHING[:-1], "render_mode": "ansi"}])
+@pytest.mark.parametrize(
+    "arguments", [{}, {"speed_profile": None, "observations": EVERYTHING[:-1], "render_mode": "ansi"}]
+)
 def test_gymnasiums_checks_pass(arguments: dict[str, Any]) -> None:
     env = gym.make(ID, max_episode_steps=200, **arguments)
     check_env(env.unwrapped, skip_render_check="render_mode" not in arguments)
