@@ -101,6 +101,53 @@ class Maze4x3Config(EnvConfig):
 
 
 @dataclass
+class DrivingConfig(EnvConfig):
+    """Driving; see ``dpsearch.envs.driving``.
+
+    Attributes:
+        speed_profile: Start and end in km/h and the seconds between; one speed; null for pedals.
+        observations: Names of what is seen.
+        lookahead: Base (m) and gain (s) of the look-ahead distance.
+        start: "line" or "random".
+        control_hz: Steps a second.
+        stuck_seconds: Time off the road after which an episode is over.
+    """
+
+    speed_profile: Any = MISSING
+    observations: list[str] = MISSING
+    lookahead: list[float] = MISSING
+    start: str = MISSING
+    control_hz: float = MISSING
+    stuck_seconds: float = MISSING
+
+
+@dataclass
+class TrackConfig(DrivingConfig):
+    """Driving on a track of our own; see ``dpsearch.envs.Track``.
+
+    Attributes:
+        track: A seed, a name or a list of segments.
+        width: Of the road (m).
+    """
+
+    track: Any = MISSING
+    width: float = MISSING
+
+
+@dataclass
+class TorcsConfig(DrivingConfig):
+    """Driving in TORCS; see ``dpsearch.envs.TORCS``.
+
+    Attributes:
+        track: Name of the track.
+        car: Name of the car.
+    """
+
+    track: str = MISSING
+    car: str = MISSING
+
+
+@dataclass
 class PomdpConfig(EnvConfig):
     """A finite POMDP from a file; see ``dpsearch.envs.POMDP``.
 
@@ -216,6 +263,8 @@ ENVS: dict[str, type[EnvConfig]] = {
     "single_pole_hidden": PolesConfig,
     "tiger": TigerConfig,
     "tmaze": TMazeConfig,
+    "torcs": TorcsConfig,
+    "track": TrackConfig,
 }
 ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
 

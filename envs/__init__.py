@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from dpsearch.envs.task import Task as Task
     from dpsearch.envs.tiger import Tiger as Tiger
     from dpsearch.envs.tmaze import TMaze as TMaze
+    from dpsearch.envs.torcs import TorcsError as TorcsError
+    from dpsearch.envs.torcs.env import TORCS as TORCS
+    from dpsearch.envs.track import Track as Track
     from dpsearch.envs.wrappers import HiddenState as HiddenState
     from dpsearch.envs.wrappers import ObserveOnly as ObserveOnly
     from dpsearch.envs.wrappers import PreviousAction as PreviousAction
@@ -57,14 +60,18 @@ _HOMES = {
     "SinglePole": "dpsearch.envs.poles",
     "SinglePoleHidden": "dpsearch.envs.poles",
     "TMaze": "dpsearch.envs.tmaze",
+    "TORCS": "dpsearch.envs.torcs.env",
     "TabularEnv": "dpsearch.envs.tabular_env",
     "TabularPOMDP": "dpsearch.envs.tabular",
     "Task": "dpsearch.envs.task",
     "Tiger": "dpsearch.envs.tiger",
+    "TorcsError": "dpsearch.envs.torcs",
+    "Track": "dpsearch.envs.track",
 }
 
 __all__ = [
     "POMDP",
+    "TORCS",
     "BeliefFilter",
     "CheeseMaze",
     "DoublePole",
@@ -86,6 +93,8 @@ __all__ = [
     "TabularPOMDP",
     "Task",
     "Tiger",
+    "TorcsError",
+    "Track",
 ]
 
 
@@ -101,13 +110,13 @@ def __dir__() -> list[str]:
     return sorted(set(globals()) | set(__all__))
 
 
-def _register(name: str, home: str, reward_threshold: float | None = None) -> None:
+def _register(name: str, home: str, reward_threshold: float | None = None, *, vector: bool = True) -> None:
     """Registers one environment, without a step limit: each knows its own, from its arguments."""
     if name not in gymnasium.registry:
         gymnasium.register(
             id=name,
             entry_point=home,
-            vector_entry_point=f"{home}Vector",
+            vector_entry_point=f"{home}Vector" if vector else None,
             reward_threshold=reward_threshold,
         )
 
@@ -121,3 +130,5 @@ _register("dpsearch/Maze89-v0", "dpsearch.envs.maze89:Maze89", reward_threshold=
 _register("dpsearch/POMDP-v0", "dpsearch.envs.pomdp_env:POMDP")  # what counts as solved is up to the file
 for _name in ("SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"):
     _register(f"dpsearch/{_name}-v0", f"dpsearch.envs.poles:{_name}", reward_threshold=100_000.0)
+_register("dpsearch/TORCS-v0", "dpsearch.envs.torcs.env:TORCS", vector=False)  # returns are up to track and speed
+_register("dpsearch/Track-v0", "dpsearch.envs.track:Track")  # returns depend on the profile: none counts as solved

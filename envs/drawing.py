@@ -38,6 +38,18 @@ class Canvas:
         """The finished picture, ``(height, width, 3)``."""
         return np.array(self._image.reduce(_OVERSAMPLING))
 
+    def paste(self, corner: tuple[int, int], inner: Canvas) -> None:
+        """Another canvas, its upper left corner given: a window beyond whose frame nothing shows."""
+        self._image.paste(inner._image, (corner[0] * _OVERSAMPLING, corner[1] * _OVERSAMPLING))
+
+    def path(self, points: Sequence[Point], color: str, width: float = 2, closed: bool = False) -> None:
+        """A line through all the points, with rounded joints, back to the first one if it is closed."""
+        scaled = [_scaled(point) for point in points]
+        if closed:
+            scaled += scaled[:2]
+        if len(scaled) > 1:
+            self._draw.line(scaled, color, round(width * _OVERSAMPLING), joint="curve")
+
     def box(
         self, corner: Point, opposite: Point, fill: str | None, outline: str | None = None, radius: float = 0
     ) -> None:

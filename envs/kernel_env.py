@@ -7,6 +7,7 @@ next one, and all numbers of an episode are a function of (seed, episode, step).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -77,18 +78,25 @@ class KernelEnv(PlaysTask, gym.Env[NDArray[Any], Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Starts episode 0 of ``seed``, or the next episode of the seed before; there are no options.
+        """Starts episode 0 of ``seed``, or the next episode of the seed before.
+
+        Args:
+            seed: Of the episodes from here on.
+            options: For a subclass that has any, to start elsewhere.
 
         Raises:
-            ValueError: If the seed is 2**64 or more.
+            ValueError: If the seed is 2**64 or more, or the options are not what the subclass takes.
         """
         super().reset(seed=seed)
+        place = self._place(options)
         if seed is not None:
             self._stepper.seed(0, seed)
         elif not self._started:
             self._stepper.set_key(0, random_key(self.np_random))
         self._started = True
         self._stepper.reset(self._only)
+        if place is not None:
+            self._stepper.put(0, place(self.kernel_state()))
         self.episode_return, self.last_action, self.last_reward = 0.0, None, None
         self._follow()
         self._show()
@@ -112,14 +120,26 @@ class KernelEnv(PlaysTask, gym.Env[NDArray[Any], Any]):
         self._follow()
         self._show()
         truncated = self.elapsed_steps >= self.max_episode_steps
-        return self._stepper.observe()[0], reward, bool(terminated[0]), truncated, self._info()
+        over = bool(terminated[0]) or truncated
+        return self._stepper.observe()[0], reward, bool(terminated[0]), truncated, self._info(over)
+
+    def _place(self, options: dict[str, Any] | None) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+        """What makes the state in which the options let an episode start from that in which the kernel starts it.
+
+        It is asked for before anything changes, so that bad options can be refused. None changes nothing.
+        """
+        return None
 
     def _follow(self) -> None:
         """Called after each reset and step, before anything is drawn."""
 
-    def _info(self) -> dict[str, Any]:
-        state = self.task.hidden(self._stepper.state())[0]
-        return {"state": int(state) if isinstance(self.state_space, spaces.Discrete) else state}
+    def _info(self, over: bool = False) -> dict[str, Any]:
+        states = self._stepper.state()
+        state = self.task.hidden(states)[0]
+        info = {"state": int(state) if isinstance(self.state_space, spaces.Discrete) else state}
+        info |= {name: values[0].item() for name, values in self.task.details(states).items()}
+        options = self.task.carry_on(states) if over else {}
+        return info | ({"carry_on": {name: values[0].item() for name, values in options.items()}} if options else {})
 
     def picture(self) -> Frame:
         """The present moment as a picture, ``(height, width, 3)``."""

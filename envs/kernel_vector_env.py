@@ -116,13 +116,15 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
             if over.any():
                 final = self._final(over)
                 self._stepper.reset(over)
+            ending = np.zeros(self.num_envs, np.bool_)
         else:
             over = self._over  # since the step before: now they start anew, whatever the action
             if over.any():
                 rewards[over], terminated[over], truncated[over] = 0.0, False, False
                 self._stepper.reset(over)
-            self._over = terminated | truncated
-        return self._stepper.observe(), rewards, terminated, truncated, final | self._info(self._everyone)
+            self._over = ending = terminated | truncated
+        info = final | self._info(self._everyone, ending)
+        return self._stepper.observe(), rewards, terminated, truncated, info
 
     def _final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
         """What the info of a step says about the episodes that it ended."""
@@ -132,14 +134,29 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
         return {
             "final_obs": observations,
             "_final_obs": over.copy(),
-            "final_info": self._info(over),
+            "final_info": self._info(over, over),
             "_final_info": over.copy(),
         }
 
-    def _info(self, lanes: NDArray[np.bool_]) -> dict[str, Any]:
-        states = self.task.hidden(self._stepper.state())
-        states[~lanes] = 0  # as Gymnasium fills in where it knows nothing
-        return {"state": states, "_state": lanes.copy()}
+    def _info(self, lanes: NDArray[np.bool_], ending: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """What is known of some environments, and of those whose episode ends, how to carry on."""
+        states = self._stepper.state()
+        known = _masked({"state": self.task.hidden(states), **self.task.details(states)}, lanes)
+        if ending is not None and ending.any():
+            options = self.task.carry_on(states)
+            if options:
+                known |= {"carry_on": _masked(options, ending), "_carry_on": ending.copy()}
+        return known
+
+
+def _masked(values: dict[str, NDArray[Any]], lanes: NDArray[np.bool_]) -> dict[str, Any]:
+    """Arrays as Gymnasium's vectors have them: 0 where nothing is known, and beside each where something is."""
+    masked: dict[str, Any] = {}
+    for name, array in values.items():
+        masked[name] = array.copy()
+        masked[name][~lanes] = 0
+        masked[f"_{name}"] = lanes.copy()
+    return masked
 
 
 class MakesTask(Protocol):

@@ -85,6 +85,11 @@ class LaneStepper:
             block, lane = divmod(i, LANES)
             kernel.reset(kernel.floats, kernel.ints, self._noise[block], lane, self._state[block])
 
+    def put(self, i: int, state: NDArray[np.float64]) -> None:
+        """Puts environment ``i`` into a state of the kernel, ``(state size,)``."""
+        block, lane = divmod(i, LANES)
+        self._state[block, :, lane] = state
+
     def step(self, actions: NDArray[np.generic]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Moves every environment on by one step, also those whose episode is over, to no purpose.
 

@@ -50,6 +50,14 @@ class Task:
         """The hidden states in some states of the kernel ``(n, state size)``; see ``state_space``."""
         return states[:, 0].astype(np.int64) if isinstance(self.state_space, spaces.Discrete) else states
 
+    def details(self, states: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """What ``info`` tells besides the hidden state, by name ``(n,)``, in some states ``(n, state size)``."""
+        return {}
+
+    def carry_on(self, states: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """Options ``(n,)`` with which the next ``reset`` goes on from ends of episodes ``(n, state size)``, if any."""
+        return {}
+
     def check_actions(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         """The actions as an array.
 

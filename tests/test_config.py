@@ -1,6 +1,9 @@
 import re
+from inspect import signature
 from pathlib import Path
 
+import gymnasium as gym
+import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig
@@ -8,6 +11,7 @@ from omegaconf import DictConfig
 import dpsearch.train  # noqa: F401  # registers the schemas
 from dpsearch.algos import RPGConfig
 from dpsearch.config import ALGOS, ENVS, TrainConfig, checked
+from dpsearch.envs import TORCS, Track
 from dpsearch.policies import PolicyConfig
 from dpsearch.runs import EnvRecipe, RunError
 
@@ -63,6 +67,29 @@ def test_every_task_of_balancing_poles_has_its_option(name: str) -> None:
     assert config.algo.gamma == 0.99
     recipe = composed(f"env={group}", "env.start_state=[0,0,0.1,0]").env.recipe()
     assert recipe.kwargs["start_state"] == [0, 0, 0.1, 0]
+
+
+def test_the_track_is_described_by_its_arguments() -> None:
+    config = composed("env=track")
+    env = gym.make("dpsearch.envs:dpsearch/Track-v0").unwrapped
+    assert isinstance(env, Track)
+    kwargs = config.env.recipe().kwargs
+    assert Track(**kwargs).task.rules == env.task.rules
+    np.testing.assert_array_equal(Track(**kwargs).task.kernel.floats, env.task.kernel.floats)
+    assert config.algo.gamma == 0.99
+    for given, expected in (("[30,60,100]", [30, 60, 100]), ("55", 55), ("null", None)):
+        assert composed("env=track", f"env.speed_profile={given}").env.recipe().kwargs["speed_profile"] == expected
+    segments = composed("env=track", "env.track=[[straight,500],[turn,120,180],[straight,500],[turn,120,180]]")
+    np.testing.assert_array_equal(Track(**segments.env.recipe().kwargs).task.shape.x, Track("oval").task.shape.x)
+
+
+def test_torcs_is_configured_as_its_class_is_by_default() -> None:
+    recipe = composed("env=torcs").env.recipe()
+    assert recipe.id == "dpsearch.envs:dpsearch/TORCS-v0"
+    defaults = {name: argument.default for name, argument in signature(TORCS).parameters.items()}
+    assert defaults.pop("render_mode") is None
+    lists = {name: list(value) if isinstance(value, tuple) else value for name, value in defaults.items()}
+    assert recipe.kwargs == lists
 
 
 @pytest.mark.parametrize(("group", "schemas"), [("algo", ALGOS), ("env", ENVS)])

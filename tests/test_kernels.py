@@ -11,7 +11,7 @@ from numba import njit, types
 from numpy.typing import NDArray
 from scipy import stats
 
-from dpsearch.kernels.elementary import exp, log, sigmoid, sincos, tanh
+from dpsearch.kernels.elementary import arctan2, exp, log, sigmoid, sincos, tanh
 from dpsearch.kernels.lanes import FLOATS, INTS, LANES, ROWS, fetch_add, noise_rows
 from dpsearch.kernels.matvec import matvec
 from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw, episode_seeds, philox4x32, stream_key
@@ -181,6 +181,12 @@ def elementary(x: Any) -> dict[str, NDArray[np.float64]]:
     return dict(zip(("exp", "tanh", "sigmoid", "sin", "cos", "log"), out, strict=True))
 
 
+@njit  # type: ignore[untyped-decorator, unused-ignore]
+def _angles(y, x, out):  # type: ignore[no-untyped-def]
+    for i in range(len(x)):
+        out[i] = arctan2(y[i], x[i])
+
+
 def points(low: float, high: float) -> NDArray[np.float64]:
     random = np.random.default_rng(2)
     return np.concatenate([np.linspace(low, high, 20_001), random.uniform(low, high, 100_000)])
@@ -215,6 +221,22 @@ def test_sine_and_cosine_are_accurate_to_1e_14_up_to_a_hundred_thousand_radians(
 def test_log_is_accurate_to_1e_14_over_all_normal_numbers() -> None:
     x = np.concatenate([points(1e-3, 3), 10.0 ** points(-307, 308), 1 + 10.0 ** points(-15, -1)])
     assert error(elementary(x)["log"], np.log(x.astype(np.longdouble))) < 1e-14
+
+
+def test_angles_are_accurate_to_1e_14_in_all_directions() -> None:
+    random = np.random.default_rng(3)
+    y, x = random.standard_normal((2, 100_000)) * 10.0 ** random.uniform(-20, 20, (2, 100_000))
+    y[:1000], x[:1000] = np.sin(points(-4, 4)[:1000]), np.cos(points(-4, 4)[:1000])
+    ours = np.empty(len(x))
+    _angles(y, x, ours)
+    assert error(ours, np.arctan2(y.astype(np.longdouble), x.astype(np.longdouble))) < 1e-14
+
+
+def test_angles_of_axes_and_the_origin() -> None:
+    y, x = np.array([[0.0, 0.0, 1.0, -1.0, 0.0, 3.0, -3.0], [0.0, 2.0, 0.0, 0.0, -2.0, 3.0, -3.0]])
+    ours = np.empty(len(x))
+    _angles(y, x, ours)
+    np.testing.assert_allclose(ours, np.arctan2(y, x), rtol=1e-15)
 
 
 def test_elementary_functions_at_their_ends() -> None:

@@ -1,4 +1,4 @@
-"""``exp``, ``tanh``, ``sigmoid``, ``sincos`` and ``log`` that inline and vectorise: one call into libm would stop SIMD.
+"""``exp``, ``tanh``, ``sigmoid``, ``sincos``, ``arctan2`` and ``log`` that inline and vectorise: no call stops SIMD.
 
 Polynomials after an exact reduction of the argument, no branches. Relative error below 1e-14 on the ranges given
 (absolute, for ``sin`` and ``cos`` near their zeros), measured against NumPy in the tests. Being plain arithmetic they
@@ -27,6 +27,20 @@ _SHIFT: Final = 6755399441055744.0  # 1.5 * 2**52: adding it leaves a whole numb
 _E: Final = tuple(1.0 / math.factorial(k) for k in range(13))
 _S: Final = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(8))
 _C: Final = tuple((-1) ** k / math.factorial(2 * k) for k in range(9))
+_A: Final = (  # (atan(sqrt z) / sqrt z - 1) / z as a polynomial that interpolates at Chebyshev's nodes to tan(pi/8)^2
+    -0.3333333333333333,
+    0.1999999999999548,
+    -0.14285714284657894,
+    0.11111111014561013,
+    -0.09090904549884611,
+    0.07692182535116648,
+    -0.06664502215671447,
+    0.058580687568615106,
+    -0.05085030492810941,
+    0.03921955253259129,
+    -0.019162068915902573,
+)
+_TAN_PI_8: Final = 0.41421356237309503
 _L: Final = tuple(2.0 / (2 * k + 1) for k in range(11))
 
 
@@ -108,6 +122,23 @@ def sincos(x):  # type: ignore[no-untyped-def]
     sine = c if odd else s
     cosine = s if odd else c
     return (-sine if quadrant >= 2 else sine), (-cosine if quadrant == 1 or quadrant == 2 else cosine)
+
+
+@njit(inline="always")
+def arctan2(y, x):  # type: ignore[no-untyped-def]
+    """Angle in [-pi, pi] from the x axis to the point (x, y); 0 for the origin."""
+    a, b = abs(x), abs(y)
+    small, large = min(a, b), max(max(a, b), 1e-300)
+    outer = small > _TAN_PI_8 * large  # atan(t) = pi / 4 + atan((t - 1) / (t + 1)): never far from 0
+    r = (small - large if outer else small) / (small + large if outer else large)
+    z = r * r
+    p = _A[7] + z * (_A[8] + z * (_A[9] + z * _A[10]))
+    p = _A[3] + z * (_A[4] + z * (_A[5] + z * (_A[6] + z * p)))
+    p = r + r * z * (_A[0] + z * (_A[1] + z * (_A[2] + z * p)))
+    angle = 0.25 * math.pi + p if outer else p
+    angle = 0.5 * math.pi - angle if b > a else angle
+    angle = math.pi - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
 
 
 @njit(inline="always")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import gc
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
 from time import process_time
@@ -23,6 +23,8 @@ from dpsearch.rollout import Episodes
 from scripts.benchmarks.measurement import Measurement
 
 TMAZE = "dpsearch.envs:dpsearch/TMaze-v0"
+TRACK = "dpsearch.envs:dpsearch/Track-v0"
+DRIVE = 1000  # steps of an episode at most
 SAMPLE_SECONDS = 0.1  # least duration of one measurement of sampling
 UPDATES = 20  # updates timed in each repetition
 STANDING_STILL = 1e-12  # learning rate with which all updates are of the same policy
@@ -32,18 +34,7 @@ def sampling(repeats: int) -> list[Measurement]:
     """Environment steps a core-second, playing T-mazes with an LSTM of 10 cells."""
     cases = list(product(("random walk", "straight east"), (10, 100), (20, 100, 1000)))
     players = [_rpg(corridor, batch, straight=walk == "straight east") for walk, corridor, batch in cases]
-    for player in players:
-        player.play_batch(player.batch_size)  # what is loaded or compiled at first use
-    speeds: list[list[float]] = [[] for _ in cases]
-    for _ in _rounds(repeats):
-        for player, speed in zip(players, speeds, strict=True):
-            steps, seconds = 0, 0.0
-            while seconds < SAMPLE_SECONDS:
-                start = process_time()
-                episodes = player.play_batch(player.batch_size)
-                seconds += process_time() - start
-                steps += episodes.steps
-            speed.append(steps / seconds)
+    speeds = _play(players, repeats)
     return [
         Measurement.of(
             speed,
@@ -54,6 +45,42 @@ def sampling(repeats: int) -> list[Measurement]:
         )
         for (walk, corridor, batch), speed in zip(cases, speeds, strict=True)
     ]
+
+
+def driving(repeats: int) -> list[Measurement]:
+    """Environment steps a core-second: a car on the embedded track, and an LSTM of 10 cells that can't drive yet."""
+    batches = (20, 100, 1000)
+    players = [
+        RPG(TRACK, batch_size=batch, learning_rate=STANDING_STILL, env_kwargs={"max_episode_steps": DRIVE})
+        for batch in batches
+    ]
+    return [
+        Measurement.of(
+            speed,
+            benchmark="driving",
+            what=f"track, batch {batch}, up to {DRIVE:,} steps",
+            unit="steps/core-second",
+            at_least=3e6,
+        )
+        for batch, speed in zip(batches, _play(players, repeats), strict=True)
+    ]
+
+
+def _play(players: Sequence[RPG], repeats: int) -> list[list[float]]:
+    """Steps a core-second that each one plays, in each repetition; they take turns."""
+    for player in players:
+        player.play_batch(player.batch_size)  # what is loaded or compiled at first use
+    speeds: list[list[float]] = [[] for _ in players]
+    for _ in _rounds(repeats):
+        for player, speed in zip(players, speeds, strict=True):
+            steps, seconds = 0, 0.0
+            while seconds < SAMPLE_SECONDS:
+                start = process_time()
+                episodes = player.play_batch(player.batch_size)
+                seconds += process_time() - start
+                steps += episodes.steps
+            speed.append(steps / seconds)
+    return speeds
 
 
 def update(repeats: int) -> list[Measurement]:

@@ -56,6 +56,14 @@ def test_sampling_is_measured_in_steps_a_core_second(monkeypatch: pytest.MonkeyP
     assert all(row.median > 0.0 for row in rows)
 
 
+def test_driving_is_measured_with_batches_of_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(speed, "SAMPLE_SECONDS", 1e-6)
+    monkeypatch.setattr(speed, "DRIVE", 20)
+    rows = speed.driving(1)
+    assert [row.what for row in rows] == [f"track, batch {batch}, up to 20 steps" for batch in (20, 100, 1000)]
+    assert all(row.median > 0.0 for row in rows)
+
+
 def test_a_probe_runs_in_a_process_of_its_own_and_says_how_much_memory_it_had() -> None:
     numbers = processes._probe("longest_corridor")
     assert numbers["peak"] > 20.0
