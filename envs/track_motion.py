@@ -4,11 +4,11 @@ A bicycle, as it is called: both wheels of an axle are one. The body has the vel
 turns at the rate r; the front wheels, a metres ahead of the centre of mass, point to the left by the angle d, the rear
 wheels are b metres behind it::
 
-    m (du/dt - v r) = X_f cos d - Y_f sin d + X_r - drag u |u|
+    m (du/dt - v r) = X_f cos d - Y_f sin d + X_r - drag u |u| - rolling resistance
     m (dv/dt + u r) = X_f sin d + Y_f cos d + Y_r
     I dr/dt         = a (X_f sin d + Y_f cos d) - b Y_r
 
-X are forces along the wheels, of the engine (rear), brakes and rolling resistance, Y those to their sides. Of the grip
+X are forces along the wheels, of the engine (rear) and the brakes, Y those to their sides. Of the grip
 G = mu * load of an axle, X leaves sqrt(G^2 - X^2) to the sides (the friction circle), of which the slip s, speed
 sideways over speed forwards, takes the share of Fiala's brush, which grows from a stiffness to full sliding::
 

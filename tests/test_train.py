@@ -269,7 +269,7 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("env.corridor_length=long", r"env\.corridor_length.*'long'.*Integer"),
         ("seed=1.5", "seed.*Integer"),
         ("algo=bogus", r"algo/bogus.*: rpg: "),
-        ("env=bogus", r"env/bogus.*: gym: .*: tmaze$"),
+        ("env=bogus", r"env/bogus.*: gym: .*: track$"),
         ("experiment=bogus", "experiment/bogus"),
         ("env.corridor_length=0", "corridor_length must be .* got 0"),
         ("env.encoding=morse", "encoding must be .* 'morse'"),

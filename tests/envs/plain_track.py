@@ -23,8 +23,12 @@ class PlainCar:
     """A car on an endless plain; its state is x, y, yaw, and velocities to the east and north and of the yaw."""
 
     car: Car
-    grip: float = 1.6
-    rolling: float = 0.015
+    off_road: bool = False
+
+    @property
+    def grip(self) -> float:
+        """Of the tyres on what is below them."""
+        return self.car.grip * (self.car.off_road_grip if self.off_road else 1.0)
 
     def tyre(self, velocity: complex, load: float, stiffness: float, along: float) -> complex:
         """Force on a wheel, in its own frame, which moves with this velocity in that frame."""
@@ -42,16 +46,18 @@ class PlainCar:
         u = (velocity / ahead).real
         power = car.power
         if demand is None:
-            force = car.mass * car.speed_gain * (target - u) + car.drag * u * abs(u) + 0.015 * weight
+            force = car.mass * car.speed_gain * (target - u) + car.drag * u * abs(u)
+            force += car.rolling * weight
         else:
             force, power = demand * (car.thrust if demand > 0 else car.brakes), car.power * max(demand, 0.0)
         engine, brake = min(max(force, 0.0), car.thrust, power / max(u, 1.0)), min(max(-force, 0.0), car.brakes)
         fading = min(max(u / car.standstill, -1.0), 1.0)
+        front_brake = car.brake_balance * brake
         total, moment = complex(0.0, 0.0), 0.0
         length = car.front + car.rear
         axles = (
-            (car.front, weight * car.rear / length, car.front_stiffness, wheels, -fading * 0.5 * brake),
-            (-car.rear, weight * car.front / length, car.rear_stiffness, 0.0, engine - fading * 0.5 * brake),
+            (car.front, weight * car.rear / length, car.front_stiffness, wheels, -fading * front_brake),
+            (-car.rear, weight * car.front / length, car.rear_stiffness, 0.0, engine - fading * (brake - front_brake)),
         )
         for arm, load, stiffness, turned, along in axles:
             most = car.reserve * self.grip * load
@@ -60,7 +66,8 @@ class PlainCar:
             force_on = wheel * self.tyre(moving / wheel, load, stiffness, min(max(along, -most), most))
             total += force_on
             moment += arm * (force_on / ahead).imag
-        total -= ahead * (car.drag * u * abs(u) + self.rolling * weight * fading)
+        rolling = car.off_road_rolling if self.off_road else car.rolling
+        total -= ahead * (car.drag * u * abs(u) + rolling * weight * fading)
         acceleration = total / car.mass
         return np.array([state[3], state[4], rate, acceleration.real, acceleration.imag, moment / car.yaw_inertia])
 

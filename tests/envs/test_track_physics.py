@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ import pytest
 from dpsearch.envs import Track
 from dpsearch.envs import track_kernel as rows
 from dpsearch.envs.driving import KMH
+from dpsearch.envs.lane_stepper import LaneStepper
+from dpsearch.envs.track import track_task
 from dpsearch.envs.track_car import GRAVITY, Car
 from tests.envs.plain_track import Array, PlainCar, ground, steer_ahead
 
@@ -38,14 +41,34 @@ def steady(env: Track, steer: float, seconds: float) -> tuple[float, float, floa
 @pytest.mark.parametrize("off_road", [False, True])
 def test_a_step_is_close_to_the_exact_motion(pedals: bool, off_road: bool) -> None:
     """From states as wild as can be: up to full slides, with the wheels turned from one side to the other."""
-    random = np.random.default_rng(1)
     env = Track(track="oval", width=30.0, speed_profile=None if pedals else 60)
-    plain = PlainCar(CAR, *((0.6 * 1.6, 0.12) if off_road else (1.6, 0.015)))
+    plain = PlainCar(CAR, off_road)
+    errors = measured(env, plain, pedals)
+    assert (np.max(errors, axis=0) < [5e-4, 5e-4, 5e-4, 0.02, 0.02, 0.02]).all()
+    assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4]).all()
+
+
+@pytest.mark.parametrize("pedals", [False, True])
+def test_every_number_of_another_car_counts(pedals: bool) -> None:
+    random = np.random.default_rng(4)
+    numbers = asdict(CAR)
+    other = Car(**{name: value * random.uniform(0.8, 1.2) for name, value in numbers.items() if name != "reserve"})
+    for off_road in (False, True):
+        env = Track(track="oval", width=30.0, speed_profile=None if pedals else 60)
+        env.task = track_task("oval", 30.0, env.task.rules, 1000, other)
+        env._stepper = LaneStepper(env.task.kernel, 1)
+        errors = measured(env, PlainCar(other, off_road), pedals)
+        assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4]).all()
+
+
+def measured(env: Track, plain: PlainCar, pedals: bool) -> list[Array]:
+    """By how much a step of the environment misses the exact motion, from random states."""
+    random = np.random.default_rng(1)
     errors = []
     for _ in range(40):
         env.reset(seed=0, options={"distance": float(random.uniform(20, 400))})
         velocities = {"FORWARD": random.uniform(-2, 30), "SIDEWAYS": random.normal(), "TURNING": random.normal(0, 0.4)}
-        offset = random.uniform(16, 20) if off_road else random.uniform(-10, 10)
+        offset = random.uniform(16, 20) if plain.off_road else random.uniform(-10, 10)
         placed(env, OFFSET=offset, ANGLE=random.uniform(-3, 3), WHEELS=random.uniform(-0.4, 0.4), **velocities)
         steer, pedal = random.uniform(-1, 1), random.uniform(-1, 1)
         demand, target = (pedal, 0.0) if pedals else (None, 60 / KMH)
@@ -56,8 +79,7 @@ def test_a_step_is_close_to_the_exact_motion(pedals: bool, off_road: bool) -> No
         error[2] = math.remainder(error[2], 2 * math.pi)
         assert turned == pytest.approx(wheels, abs=1e-12)
         errors.append(np.abs(error))
-    assert (np.max(errors, axis=0) < [5e-4, 5e-4, 5e-4, 0.02, 0.02, 0.02]).all()
-    assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4]).all()
+    return errors
 
 
 @pytest.mark.parametrize("track", [5, "circuit"])
