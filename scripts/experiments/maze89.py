@@ -136,7 +136,7 @@ def measure(recipe: tuple[str, ...], seed: int) -> Outcome:
     algorithm.evaluate(1)  # loads the compiled code, or compiles it: that is no part of learning
     start = process_time()
     with suppress(FloatingPointError):  # it diverged: the policy is what it is
-        algorithm.learn(**settings.limits())
+        algorithm.learn(total_steps=settings.config.total_steps)
     outcome: Outcome = {
         "solved": 1,
         CORE_SECONDS: process_time() - start,
