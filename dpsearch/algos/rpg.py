@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from dpsearch.algos.base import BASELINE, Algorithm, Env, Metrics
+from dpsearch.algos.base import BASELINE, WEIGHTS, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.natural_gradient import natural_step
@@ -76,6 +76,8 @@ class RPGConfig:
             nats of KL divergence: however the weights are scaled, a policy is not changed by more than can be
             judged from one batch.
         damping: Added to the diagonal of the Fisher information matrix of the natural gradient.
+        restart_episodes: If given, learning begins again from other random weights whenever so many episodes did not
+            solve the task: on some tasks most starts lead to a policy that is hard to improve, and a few lead past it.
         variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
             finite as sigma goes to 0.
     """
@@ -102,6 +104,7 @@ class RPGConfig:
     entropy_halflife: float | None = None
     natural_step: float | None = None
     damping: float = 0.01
+    restart_episodes: int | None = None
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
@@ -130,6 +133,7 @@ class RPGConfig:
                     and (self.natural_step is None or (self.gradient_length is None and self.baseline != "shared")),
                     "positive or null, and null with a gradient_length or a shared baseline",
                 ),
+                "restart_episodes": (self.restart_episodes is None or self.restart_episodes >= 1, "at least 1 or null"),
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
@@ -151,6 +155,13 @@ class RPG(Algorithm[RPGConfig]):
         if self.config.variance_scaled:
             head = self.policy.head  # refused now, not when it learns
             head.scaled_eligibilities(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size), torch.ones(1))
+        self.starts = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """From the weights as they are, with nothing remembered of what came before."""
+        self.starts += 1
+        self._first_update, self._first_episode = self.updates, self.episodes
         self.baseline = self._make_baseline()
         self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
         self.optimizer = make_optimizer(
@@ -173,12 +184,21 @@ class RPG(Algorithm[RPGConfig]):
             learning_rate=config.baseline_learning_rate,
             optimizer_options=config.baseline_optimizer_options,
             steps=config.baseline_steps,
-            seed=stream_key(self.seed, BASELINE) >> 1,  # torch takes 63 bits
+            seed=self._weights_seed(BASELINE),
         )
+
+    def _weights_seed(self, purpose: int) -> int:
+        """Of the weights of this start, other ones for each; 63 bits, as torch takes."""
+        key = stream_key(self.seed, purpose)
+        return (key if self.starts == 1 else stream_key(key, self.starts)) >> 1
 
     def update(self) -> Metrics:
         """Play a batch, ascend its gradient (section 3.3.3), and say how it went."""
         start = perf_counter()
+        limit = self.config.restart_episodes
+        if limit is not None and self.episodes - self._first_episode >= limit:
+            self._begin()
+            self.policy.initialise(self._weights_seed(WEIGHTS))
         episodes = self.play_batch(self.batch_size)
         sampled = perf_counter()
         for parameter in self.parameters:
@@ -274,11 +294,11 @@ class RPG(Algorithm[RPGConfig]):
     def _running_scale(self, advantages: NDArray[np.float32]) -> float:
         """Root mean square of the advantages ``(M,)`` of this batch and, less and less, those before."""
         self._mean_square += (1.0 - SCALE_MEMORY) * (float(np.square(advantages).mean()) - self._mean_square)
-        return max(math.sqrt(self._mean_square / (1.0 - SCALE_MEMORY ** (self.updates + 1))), 1e-8)
+        return max(math.sqrt(self._mean_square / (1.0 - SCALE_MEMORY ** (self.updates - self._first_update + 1))), 1e-8)
 
     def _halved(self, halflife: float | None) -> float:
         """What is left of something at this update."""
-        return 1.0 if halflife is None else 0.5 ** (self.updates / halflife)
+        return 1.0 if halflife is None else 0.5 ** ((self.updates - self._first_update) / halflife)
 
     def _normalise_gradient(self) -> float:
         """Scale the gradient to the length asked for; returns the length it had."""
@@ -300,6 +320,7 @@ class RPG(Algorithm[RPGConfig]):
             "baseline": self.baseline.state_dict(),
             "batch_size": self.batch_size,
             "mean_square": self._mean_square,
+            "start": [self.starts, self._first_update, self._first_episode],
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -309,3 +330,4 @@ class RPG(Algorithm[RPGConfig]):
         self.baseline.load_state_dict(state["baseline"])
         self.batch_size = state["batch_size"]
         self._mean_square = state["mean_square"]
+        self.starts, self._first_update, self._first_episode = state["start"]

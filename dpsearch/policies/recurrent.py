@@ -118,7 +118,7 @@ class RecurrentPolicy(nn.Module):
                 fixed.requires_grad_(False)
                 nn.init.zeros_(fixed)
             nn.init.eye_(self.readout.weight)
-        self._initialise(init_range, forget_bias, input_bias, seed)
+        self.initialise(seed)
 
     @classmethod
     def for_spaces(
@@ -146,15 +146,20 @@ class RecurrentPolicy(nn.Module):
         head = head_for(action_space, deterministic=deterministic, squash=config.readout)
         return cls(observation_size(observation_space), head, seed=seed, **vars(config))
 
-    def _initialise(self, init_range: float, forget_bias: float, input_bias: float, seed: int) -> None:
-        generator = torch.Generator().manual_seed(seed)
+    def initialise(self, seed: int) -> None:
+        """Draw the free parameters anew.
+
+        Args:
+            seed: In [0, 2**63).
+        """
+        config, generator = self._config, torch.Generator().manual_seed(seed)
         for parameter in self.free_parameters():
-            nn.init.uniform_(parameter, -init_range, init_range, generator=generator)
+            nn.init.uniform_(parameter, -config.init_range, config.init_range, generator=generator)
         if isinstance(self.core, nn.LSTM) and self.bias:
             n, bias = self.hidden_size, self.core.get_parameter("bias_ih_l0")
             with torch.no_grad():  # torch's order of gates: input, forget, cell, output
-                bias[:n] += input_bias
-                bias[n : 2 * n] += forget_bias
+                bias[:n] += config.input_bias
+                bias[n : 2 * n] += config.forget_bias
 
     def config(self) -> dict[str, Any]:
         """The settings that ``PolicyConfig`` takes to build a policy of this architecture."""

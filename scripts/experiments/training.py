@@ -39,6 +39,7 @@ LATER: dict[str, Any] = {
     "baseline_steps": 1,
     "natural_step": None,
     "damping": 0.01,
+    "restart_episodes": None,
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 

@@ -296,6 +296,7 @@ FADING: dict[str, Any] = {"entropy_bonus": 0.1, "entropy_halflife": 5.0, "learni
         {"baseline": "shared", "batch_steps": 150},
         {"normalise_advantages": True, "trace": 0.9, **FADING},
         {"baseline": "history"},
+        {"baseline": "history", "restart_episodes": 100},
         {"baseline": "history", "natural_step": 0.01, "gradient_length": None},
     ],
 )
@@ -326,11 +327,30 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
         ("entropy_bonus", -0.1),
         ("entropy_halflife", 0.0),
         ("learning_rate_halflife", -1.0),
+        ("restart_episodes", 0),
+        ("baseline", "mean"),
+        ("baseline_cells", 0),
+        ("baseline_optimizer", "Sgd"),
+        ("baseline_learning_rate", 0.0),
+        ("baseline_steps", 0),
+        ("natural_step", -1.0),
+        ("damping", -1.0),
     ],
 )
 def test_a_setting_out_of_range_is_named(setting: str, value: Any) -> None:
     with pytest.raises(ValueError, match=setting):
         RPGConfig(**{setting: value})
+
+
+def test_it_begins_again_from_other_weights_when_a_start_has_had_its_episodes() -> None:
+    rpg = small_rpg(batch_size=10, restart_episodes=30, baseline="history", learning_rate=1e-9)
+    found = []
+    rpg.learn(total_episodes=90, callback=lambda rpg, _: found.append((rpg.starts, rpg.policy.vector())))
+    assert [starts for starts, _ in found] == [1] * 3 + [2] * 3 + [3] * 3
+    weights = [vector for _, vector in found]
+    np.testing.assert_allclose(weights[0], weights[2], atol=1e-6)
+    assert np.abs(weights[2] - weights[3]).max() > 0.1
+    assert np.abs(weights[5] - weights[6]).max() > 0.1
 
 
 def test_an_infinite_reward_stops_the_run_and_names_the_episode() -> None:
