@@ -5,6 +5,7 @@ from scripts.experiments.functions import EXPERIMENTS as FUNCTIONS
 from scripts.experiments.functions_shown import FIG_4_4, TABLE_4_1
 from scripts.experiments.maze89 import EXPERIMENTS as MAZE89
 from scripts.experiments.poles import EXPERIMENTS as POLES
+from scripts.experiments.poles_rpg import TABLE_3_1
 from scripts.experiments.pomdp_properties import TABLE_7_1
 from scripts.experiments.pomdps import EXPERIMENTS as POMDPS
 from scripts.experiments.tmaze import FIG_3_4, TMAZE_FAST, TMAZE_LONG
@@ -12,6 +13,7 @@ from scripts.experiments.tmaze import FIG_3_4, TMAZE_FAST, TMAZE_LONG
 EXPERIMENTS: dict[str, Experiment | Illustration] = {
     experiment.name: experiment
     for experiment in (
+        TABLE_3_1,
         FIG_3_4,
         TABLE_4_1,
         FIG_4_4,

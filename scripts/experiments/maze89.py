@@ -269,10 +269,10 @@ EXPERIMENTS = (
     _experiment(
         "table_7_3",
         "Table 7.3 and section 3.4.3: the 89-state maze",
-        "*As in the thesis*: batches of 20 with the gradient normalised to length 0.3, its best setting for "
-        "the T-maze. Its other one, steps of 0.001 after each episode, is taken ten episodes at a time, with ten times "
-        "the step: the same to first order, and several times faster. NES and FEM judge a policy by 250 episodes. All learn for "
-        "30 million steps, the best setting for 20. What knows the model was played 20,000 times.",
+        "*As in the thesis*: batches of 20 with the gradient normalised to length 0.3, its best setting for the "
+        "T-maze. Its other one, steps of 0.001 after each episode, is taken ten episodes at a time, with ten times the "
+        "step: the same to first order, and several times faster. NES and FEM judge a policy by 250 episodes. All "
+        "learn for 30 million steps, the best setting for 20. What knows the model was played 20,000 times.",
         LEARNED,
         20,
         REPORTED,
