@@ -50,7 +50,14 @@ METHODS = {
         ),
     )
 }  # fmt: skip
-OWN = {"double_pole_hidden": ("algo.restart_episodes=2500",)}  # where a start that leads somewhere takes longer
+TWO_POLES = (  # less noise, and longer steps for it
+    "algo.batch_size=80", "algo.natural_step=0.06", "algo.damping=0.003", "algo.baseline_steps=10",
+    "algo.normalise_advantages=true", "algo.entropy_bonus=0.05",
+)  # fmt: skip
+OWN = {
+    "double_pole": (*TWO_POLES, "algo.restart_episodes=2800"),
+    "double_pole_hidden": (*TWO_POLES, "algo.restart_episodes=4000"),
+}
 
 THESIS = {  # table 3.1, means and standard deviations of 200 runs, all of which succeeded
     "single_pole": (756, 227),
