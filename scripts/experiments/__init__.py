@@ -4,6 +4,7 @@ from scripts.experiments.experiment import Experiment, Illustration
 from scripts.experiments.functions import EXPERIMENTS as FUNCTIONS
 from scripts.experiments.functions_shown import FIG_4_4, TABLE_4_1
 from scripts.experiments.maze89 import EXPERIMENTS as MAZE89
+from scripts.experiments.maze89_variance import MAZE89_VARIANCE
 from scripts.experiments.poles import EXPERIMENTS as POLES
 from scripts.experiments.poles_rpg import TABLE_3_1
 from scripts.experiments.pomdp_properties import TABLE_7_1
@@ -22,6 +23,7 @@ EXPERIMENTS: dict[str, Experiment | Illustration] = {
         TABLE_7_1,
         *POMDPS,
         *MAZE89,
+        MAZE89_VARIANCE,
         TMAZE_FAST,
         TMAZE_LONG,
     )

@@ -66,7 +66,7 @@ NES = Method("nes", "NES", ("algo=nes", "algo.patience=null", *SEARCH))
 FEM = Method("fem", "FEM", ("algo=fem", *SEARCH))
 LEARNED = {method.name: method for method in (BEST, THESIS, CONSTANT, STANDARD, NES, FEM)}
 
-SHORT = (*BEST.overrides, "total_steps=10_000_000")
+SHORT = (*BEST.overrides, "total_steps=6_000_000")
 ABLATIONS = {
     method.name: method
     for method in (
@@ -282,7 +282,7 @@ EXPERIMENTS = (
     _experiment(
         "maze89_ablations",
         "The 89-state maze: what each part of the best setting brings",
-        "The best setting, stopped after 10 million steps, and the same with one part changed.",
+        "The best setting, stopped after 6 million steps, and the same with one part changed.",
         ABLATIONS,
         5,
         {},
