@@ -1,0 +1,26 @@
+"""Table 3.1: pole balancing by policy gradient."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+import pytest
+
+from scripts.experiments.poles_rpg import BALANCED, METHODS, RPG, TABLE_3_1, until_balanced
+
+
+@pytest.mark.parametrize("env", BALANCED[RPG.name])
+def test_one_pole_is_balanced_in_fewer_episodes_than_the_thesis_had(env: str) -> None:
+    found = until_balanced((*RPG.overrides, f"env={env}", "total_episodes=2000"), 0)
+    assert found["solved"]
+
+
+def test_a_plain_gradient_as_in_the_thesis_does_not_get_there_in_as_many() -> None:
+    found = until_balanced((*METHODS["thesis"].overrides, "env=single_pole", "total_episodes=2000"), 0)
+    assert not found["solved"]
+
+
+def test_every_cell_has_settings_of_its_own_and_the_thesis_s_numbers() -> None:
+    cells = TABLE_3_1.cells(Namespace(methods=list(METHODS.values())))
+    assert len({cell.settings.fingerprint() for cell in cells}) == len(cells) == 12
+    assert all(cell.thesis["success_rate"] == 1.0 for cell in cells)
