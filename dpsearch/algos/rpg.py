@@ -28,7 +28,7 @@ from dpsearch.algos.natural_gradient import natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
-from dpsearch.rollout import Episodes
+from dpsearch.rollout import Episodes, Pieces, Stream
 
 SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
 
@@ -76,6 +76,9 @@ class RPGConfig:
             nats of KL divergence: however the weights are scaled, a policy is not changed by more than can be
             judged from one batch.
         damping: Added to the diagonal of the Fisher information matrix of the natural gradient.
+        update_steps: If given, learn from one continuing stream, every so many steps, instead of from batches of whole
+            episodes: for tasks that go on (section 3.4.4). The gradient is cut off where the update is, the recurrent
+            state is carried on, and what the baseline expects there completes the returns.
         variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
             finite as sigma goes to 0.
     """
@@ -102,6 +105,7 @@ class RPGConfig:
     entropy_halflife: float | None = None
     natural_step: float | None = None
     damping: float = 0.01
+    update_steps: int | None = None
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
@@ -131,6 +135,10 @@ class RPGConfig:
                     "positive or null, and null with a gradient_length or a shared baseline",
                 ),
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
+                "update_steps": (
+                    self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
+                    "at least 1, and without batch_steps, or null",
+                ),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
         )
@@ -151,6 +159,7 @@ class RPG(Algorithm[RPGConfig]):
         if self.config.variance_scaled:
             head = self.policy.head  # refused now, not when it learns
             head.scaled_eligibilities(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size), torch.ones(1))
+        self.stream = None if self.config.update_steps is None else Stream(self.rollouts, self.training_key)
         self.baseline = self._make_baseline()
         self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
         self.optimizer = make_optimizer(
@@ -179,7 +188,7 @@ class RPG(Algorithm[RPGConfig]):
     def update(self) -> Metrics:
         """Play a batch, ascend its gradient (section 3.3.3), and say how it went."""
         start = perf_counter()
-        episodes = self.play_batch(self.batch_size)
+        episodes = self.play_batch(self.batch_size) if self.stream is None else self._play_on(self.stream)
         sampled = perf_counter()
         for parameter in self.parameters:
             parameter.grad = None  # optimizer.zero_grad() takes ten times longer
@@ -194,14 +203,26 @@ class RPG(Algorithm[RPGConfig]):
             fitting = round(self.config.batch_steps * len(episodes) / episodes.steps)
             self.batch_size = min(max(fitting, self.config.batch_size), 64 * self.config.batch_size)
         return {
-            "return": float(episodes.returns.mean()),
-            "episode_length": episodes.steps / len(episodes),
+            **(
+                {"return": float(episodes.returns.mean()), "episode_length": episodes.steps / len(episodes)}
+                if self.stream is None
+                else {"reward": float(episodes.returns.sum()) / episodes.steps}
+            ),
             "gradient_norm": length,
             **judged,
             "time/sample": sampled - start,
             "time/gradient": backpropagated - sampled,
             "time/step": perf_counter() - backpropagated,
         }
+
+    def _play_on(self, stream: Stream) -> Pieces:
+        """The next steps of the stream, counted."""
+        assert self.config.update_steps is not None
+        pieces = stream.play(self.policy, self.config.update_steps)
+        self.episodes += len(pieces.finished)
+        self.env_steps += pieces.steps
+        self.recent_returns.extend(pieces.finished.tolist())
+        return pieces
 
     def backpropagate(self, episodes: Episodes) -> Metrics:
         """Add minus section 3.3.2's gradient to the parameters' ``grad``.
@@ -212,10 +233,13 @@ class RPG(Algorithm[RPGConfig]):
         """
         head, config = self.policy.head, self.config
         mask = episodes.mask  # (T, N)
-        returns = episodes.returns_to_go(config.gamma)  # R_t, (T, N), section 2.1
+        count = len(episodes) if self.stream is None else 1  # the pieces of a stream are one episode
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
-        features = self.policy.unroll(observations, actions, episodes.lengths)  # (T, N, H), a fused call or a few
+        state = None if episodes.state is None else torch.from_numpy(episodes.state)
+        features = self.policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
         outputs = self.policy.readout(features)  # (T, N, K)
+        foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
+        returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns, mask)
         surprises = (returns - baseline) * mask
         advantages = self._advantages(episodes, surprises)  # (T, N)
@@ -223,10 +247,10 @@ class RPG(Algorithm[RPGConfig]):
             scale = self._running_scale(advantages[mask])
             advantages = advantages / scale
             loss = None if loss is None else loss / scale**2
-        weights = advantages / -len(episodes)  # minus, as optimisers descend
+        weights = advantages / -count  # minus, as optimisers descend
         bonus = None
         if config.entropy_bonus > 0.0:
-            strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -len(episodes)
+            strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -count
             bonus = torch.from_numpy(mask * np.float32(strength))
         seen = outputs.detach()
         if not mask.all():  # what the policy would do on padding must not matter
@@ -238,7 +262,7 @@ class RPG(Algorithm[RPGConfig]):
         elif loss is None:
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:
-            torch.autograd.backward((outputs, loss / len(episodes)), (eligibilities, None))
+            torch.autograd.backward((outputs, loss / count), (eligibilities, None))
         spread = float(returns[mask].var())
         return {
             "entropy": float((entropy.numpy() * mask).sum()) / episodes.steps,
@@ -248,13 +272,14 @@ class RPG(Algorithm[RPGConfig]):
     def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor) -> None:
         """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
+        state = None if episodes.state is None else torch.from_numpy(episodes.state)
         gradient = torch.autograd.grad(outputs, self.parameters, eligibilities, retain_graph=True)
         assert self.config.natural_step is not None
         steps = natural_step(
             self.policy,
             [-part for part in gradient],
             outputs,
-            lambda policy: policy.readout(policy.unroll(observations, actions, episodes.lengths)),
+            lambda policy: policy.readout(policy.unroll(observations, actions, episodes.seen, state)),
             episodes.mask,
             self.config.damping,
             self.config.natural_step,
@@ -300,6 +325,7 @@ class RPG(Algorithm[RPGConfig]):
             "baseline": self.baseline.state_dict(),
             "batch_size": self.batch_size,
             "mean_square": self._mean_square,
+            "stream": None if self.stream is None else self.stream.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -309,3 +335,5 @@ class RPG(Algorithm[RPGConfig]):
         self.baseline.load_state_dict(state["baseline"])
         self.batch_size = state["batch_size"]
         self._mean_square = state["mean_square"]
+        if self.stream is not None:
+            self.stream.load_state_dict(state["stream"])

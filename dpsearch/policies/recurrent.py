@@ -194,17 +194,22 @@ class RecurrentPolicy(nn.Module):
         features, after = self._run_core(torch.cat((observations, echoes[:-1]), -1), state)
         return features, torch.cat((after, echoes[-1]), -1)
 
-    def unroll(self, observations: Tensor, actions: Tensor, lengths: NDArray[np.int64]) -> Tensor:
+    def unroll(
+        self, observations: Tensor, actions: Tensor, lengths: NDArray[np.int64], state: Tensor | None = None
+    ) -> Tensor:
         """``remember`` for whole episodes of different lengths, which does not pay for all of the padding.
 
         Args:
             observations: ``(T, B, O)``, one episode a column.
             actions: ``(T, B, action_size)``, those taken.
             lengths: Steps of each episode, ``(B,)``.
+            state: ``(B, state_size)`` before the first step; zeros if None.
 
         Returns:
             Features ``(T, B, H)``; of no meaning beyond an episode's end.
         """
+        if state is not None:
+            return self.remember(observations, state, actions)[0]  # of few pieces, which are not worth sorting
         inputs = (
             torch.cat((observations, self._echoes(observations, actions)[:-1]), -1) if self.echo_size else observations
         )

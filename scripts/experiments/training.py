@@ -39,6 +39,7 @@ LATER: dict[str, Any] = {
     "baseline_steps": 1,
     "natural_step": None,
     "damping": 0.01,
+    "update_steps": None,
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 
@@ -148,6 +149,7 @@ class GoalCounter:
         self.observation_size = rollouts.observation_size
         self.max_steps = rollouts.max_steps
         self.reward_threshold = rollouts.reward_threshold
+        self.make_env = rollouts.make_env
         self.evaluate = rollouts.evaluate
         self.close = rollouts.close
 
