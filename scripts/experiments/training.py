@@ -40,6 +40,7 @@ LATER: dict[str, Any] = {
     "natural_step": None,
     "damping": 0.01,
     "update_steps": None,
+    "init_std": None,
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 
