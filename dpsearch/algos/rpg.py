@@ -20,16 +20,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from typing_extensions import override
 
 from dpsearch.algos.base import BASELINE, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.natural_gradient import natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
+from dpsearch.algos.quadratic_baseline import QuadraticBaseline
 from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
 from dpsearch.rollout import Episodes, Pieces, Stream
 
+BASELINES = ("constant", "shared", "history", "quadratic")
 SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
 
 
@@ -51,6 +54,8 @@ class RPGConfig:
             profit from it.
             ``"history"``: b(h_t) is what a second LSTM expects, which sees the same history and is trained on the
             returns received (section 3.3.2); see ``HistoryBaseline``.
+            ``"quadratic"``: b(o_t) is the quadratic function of the observation that fits the returns of late best: of
+            use at once, without memory.
         baseline_episodes: Episodes in the constant baseline's moving average; 0 for no baseline.
         baseline_weight: Weight of the shared baseline's squared error in the loss.
         baseline_cells: Of the history baseline.
@@ -119,7 +124,7 @@ class RPGConfig:
                 "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
                 "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
                 "gradient_length": (_positive(self.gradient_length), "positive or null"),
-                "baseline": (self.baseline in ("constant", "shared", "history"), "'constant', 'shared' or 'history'"),
+                "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
                 "baseline_cells": (self.baseline_cells >= 1, "at least 1"),
                 "baseline_optimizer": (self.baseline_optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
@@ -166,6 +171,7 @@ class RPG(Algorithm[RPGConfig]):
             self.config.optimizer, self.parameters, self.config.learning_rate, self.config.optimizer_options
         )
         self.batch_size = self.config.batch_size
+        self._reward = 0.0  # of a step of the stream, in the last update
         self._mean_square = 0.0  # of the advantages, a moving average over batches
 
     def _make_baseline(self) -> Baseline:
@@ -174,6 +180,8 @@ class RPG(Algorithm[RPGConfig]):
             return ConstantBaseline(config.baseline_episodes)
         if config.baseline == "shared":
             return SharedBaseline(policy.hidden_size, config.baseline_weight)
+        if config.baseline == "quadratic":
+            return QuadraticBaseline(policy.observation_size)
         return HistoryBaseline(
             policy.observation_size,
             policy.head,
@@ -203,17 +211,24 @@ class RPG(Algorithm[RPGConfig]):
             fitting = round(self.config.batch_steps * len(episodes) / episodes.steps)
             self.batch_size = min(max(fitting, self.config.batch_size), 64 * self.config.batch_size)
         return {
-            **(
-                {"return": float(episodes.returns.mean()), "episode_length": episodes.steps / len(episodes)}
-                if self.stream is None
-                else {"reward": float(episodes.returns.sum()) / episodes.steps}
-            ),
+            **self._played(episodes),
             "gradient_norm": length,
             **judged,
             "time/sample": sampled - start,
             "time/gradient": backpropagated - sampled,
             "time/step": perf_counter() - backpropagated,
         }
+
+    def _played(self, episodes: Episodes) -> Metrics:
+        if self.stream is None:
+            return {"return": float(episodes.returns.mean()), "episode_length": episodes.steps / len(episodes)}
+        self._reward = float(episodes.returns.sum()) / episodes.steps
+        return {"reward": self._reward}
+
+    @property
+    @override
+    def headline(self) -> str:
+        return super().headline if self.stream is None else f"reward {self._reward:,.4g} a step"
 
     def _play_on(self, stream: Stream) -> Pieces:
         """The next steps of the stream, counted."""
@@ -258,7 +273,10 @@ class RPG(Algorithm[RPGConfig]):
         eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
         eligibilities, entropy = eligible(seen, actions, torch.from_numpy(weights), bonus)
         if config.natural_step is not None:
-            self._ascend_naturally(episodes, outputs, eligibilities)
+            divergence = config.natural_step
+            if self.stream is not None and config.normalise_advantages:  # where all goes as expected, little is learned
+                divergence *= min(float(np.square(advantages[mask]).mean()), 1.0)
+            self._ascend_naturally(episodes, outputs, eligibilities, divergence)
         elif loss is None:
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:
@@ -269,12 +287,13 @@ class RPG(Algorithm[RPGConfig]):
             "explained_variance": 1.0 - float(surprises[mask].var()) / spread if spread > 0.0 else 0.0,
         }
 
-    def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor) -> None:
+    def _ascend_naturally(
+        self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float
+    ) -> None:
         """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)
         gradient = torch.autograd.grad(outputs, self.parameters, eligibilities, retain_graph=True)
-        assert self.config.natural_step is not None
         steps = natural_step(
             self.policy,
             [-part for part in gradient],
@@ -282,7 +301,7 @@ class RPG(Algorithm[RPGConfig]):
             lambda policy: policy.readout(policy.unroll(observations, actions, episodes.seen, state)),
             episodes.mask,
             self.config.damping,
-            self.config.natural_step,
+            divergence,
         )
         for parameter, step in zip(self.parameters, steps, strict=True):
             parameter.grad = -step  # optimisers descend
@@ -316,6 +335,12 @@ class RPG(Algorithm[RPGConfig]):
         if self.config.gradient_length is not None and length > torch.finfo(torch.float32).tiny:
             torch._foreach_mul_(gradients, self.config.gradient_length / length)
         return length
+
+    @override
+    def close(self) -> None:
+        super().close()
+        if self.stream is not None:
+            self.stream.close()
 
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of the run depends on."""
