@@ -10,8 +10,8 @@ from tests.envs.torcs_wanted import require_torcs
 require_torcs()
 
 SMALL = (
-    "env=torcs", "env.speed_profile=[40,60,20]", "env.stuck_seconds=0.5", "algo.update_steps=100", "policy.hidden_size=3",
-    "total_updates=12", "env.max_episode_steps=150", "checkpoint_seconds=0.001",
+    "env=torcs", "env.speed_profile=[40,60,20]", "env.stuck_seconds=0.5", "env.max_episode_steps=150",
+    "algo.update_steps=100", "policy.hidden_size=3", "total_updates=12", "checkpoint_seconds=0.001",
 )  # fmt: skip
 KILL = """
 import os, signal, dpsearch.runs.run

@@ -87,7 +87,9 @@ class HistoryBaseline(Baseline):
     @override
     def expected(self, episodes: Episodes, features: Tensor | None = None) -> NDArray[np.float32]:
         with torch.no_grad():
-            expected: NDArray[np.float32] = self._forward(self._inputs(episodes), episodes.seen, self._state(episodes)).numpy()
+            expected: NDArray[np.float32] = self._forward(
+                self._inputs(episodes), episodes.seen, self._state(episodes)
+            ).numpy()
         return np.float32(self._mean) + np.float32(self._deviation) * expected
 
     def _remember_scale(self, returns: NDArray[np.float32]) -> None:
@@ -109,7 +111,7 @@ class HistoryBaseline(Baseline):
         return isinstance(episodes, Pieces) and not episodes.begins and len(self._carried) > 0
 
     def _state(self, episodes: Episodes) -> tuple[Tensor, Tensor] | None:
-        """h and c before the first step, ``(1, N, H)`` each; None for whole episodes."""
+        """The LSTM's h and c before the first step, ``(1, N, H)`` each; None for whole episodes."""
         if not isinstance(episodes, Pieces):
             return None
         n = self._core.hidden_size

@@ -287,9 +287,7 @@ class RPG(Algorithm[RPGConfig]):
             "explained_variance": 1.0 - float(surprises[mask].var()) / spread if spread > 0.0 else 0.0,
         }
 
-    def _ascend_naturally(
-        self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float
-    ) -> None:
+    def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float) -> None:
         """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)

@@ -8,4 +8,13 @@ from dpsearch.rollout.protocol import Rollouts
 from dpsearch.rollout.stream import Pieces, Stream
 from dpsearch.rollout.vector import VectorRollouts
 
-__all__ = ["CompiledRollouts", "EnvSource", "Episodes", "Pieces", "Rollouts", "Stream", "VectorRollouts", "make_rollouts"]
+__all__ = [
+    "CompiledRollouts",
+    "EnvSource",
+    "Episodes",
+    "Pieces",
+    "Rollouts",
+    "Stream",
+    "VectorRollouts",
+    "make_rollouts",
+]

@@ -7,9 +7,9 @@
     |     play(1000)      |        play(1000)       |       play(1000)
       piece    piece 2         piece                  piece   piece
 
-A call plays so many steps, and cuts what it played where episodes end and at its own end; the recurrent state is carried
-on from there to the next call. A new episode is begun with what the one before says in ``info["carry_on"]``, if
-anything: a car is put back where it left the road.
+A call plays so many steps, and cuts what it played where episodes end and at its own end; the recurrent state is
+carried on from there to the next call. A new episode is begun with what the one before says in ``info["carry_on"]``,
+if anything: a car is put back where it left the road.
 """
 
 from __future__ import annotations
@@ -86,7 +86,9 @@ class Stream:
 
     def __init__(self, rollouts: Rollouts, key: int) -> None:
         if rollouts.make_env is None:
-            raise ValueError("update_steps needs an environment of its own: give an id or a factory, not one that is made already")
+            raise ValueError(
+                "update_steps needs an environment of its own: give an id or a factory, not one that is made already"
+            )
         self._rollouts = rollouts
         self._key = key
         self._env = rollouts.make_env()
@@ -118,7 +120,10 @@ class Stream:
             self._begin(None)
         begins = self._memory is None
         self._take_up(actor)
-        ends, terminated, finished, following = [], [], [], {}
+        ends: list[int] = []
+        terminated: list[bool] = []
+        finished: list[float] = []
+        following: dict[int, NDArray[np.float32]] = {}
         memories = [actor.memory[0]]
         for t in range(steps):
             observations[t] = self._observation
@@ -220,17 +225,19 @@ def _cut(
     """Steps in a row, as columns that end before the steps ``ends``; ``following`` says what was seen there."""
     n, lengths = len(ends), np.diff([0, *ends])
     rows = int((lengths + ~np.array(terminated)).max())
-    columns = [np.zeros((rows, n, *part.shape[1:]), np.float32) for part in (observations, actions, rewards)]
+    seen, taken, paid = (np.zeros((rows, n, *part.shape[1:]), np.float32) for part in (observations, actions, rewards))
     for piece, (end, length) in enumerate(zip(ends, lengths, strict=True)):
-        for column, part in zip(columns, (observations, actions, rewards), strict=True):
+        for column, part in zip((seen, taken, paid), (observations, actions, rewards), strict=True):
             column[:length, piece] = part[end - length : end]
         if not terminated[piece]:
-            columns[0][length, piece] = following[piece]
+            seen[length, piece] = following[piece]
     return Pieces(
-        *columns,
+        seen,
+        taken,
+        paid,
         lengths=lengths,
         terminated=np.array(terminated),
-        returns=columns[2].sum(0, dtype=np.float64),
+        returns=paid.sum(0, dtype=np.float64),
         memory=np.array(memories[:n], np.float32),
         finished=np.array(finished),
         begins=begins,

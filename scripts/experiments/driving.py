@@ -122,11 +122,11 @@ EXPERIMENTS = (
     Experiment(
         name="section_3_4_4",
         title="Section 3.4.4: learning to steer a racing car",
-        text="A run is a drive of half an hour, or of an hour up to 130 km/h, in which the car learns as it goes and acts "
-        "with all its noise. *For good after* is when it was off the road for the last time in all of the drive. A *clean* "
-        "minute or lap is one that did not leave the road; a minute counts if nine tenths of the way were got ahead along "
-        f"the road, not in circles. A run without a clean lap counts as {NO_LAP:,.0f} s. Numbers are means over runs with "
-        "the 95% bootstrap interval.",
+        text="A run is a drive of half an hour, or of an hour up to 130 km/h, in which the car learns as it goes and "
+        "acts with all its noise. *For good after* is when it was off the road for the last time in all of the drive. "
+        "A *clean* minute or lap is one that did not leave the road; a minute counts if nine tenths of the way were "
+        f"got ahead along the road, not in circles. A run without a clean lap counts as {NO_LAP:,.0f} s. Numbers are "
+        "means over runs with the 95% bootstrap interval.",
         runs=10,
         statistic="mean",
         metrics=tuple(WORDS),

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dpsearch.algos import Algorithm
-from dpsearch.envs.torcs import TORCS
+from dpsearch.envs.torcs.env import TORCS
 from dpsearch.envs.track import Track
 from dpsearch.report.figures import COLOURS, GREY, figure
 from dpsearch.report.statistics import bootstrap_interval

@@ -15,7 +15,7 @@ from dpsearch.envs.track import Track
 from dpsearch.policies import PolicyConfig
 from tests.rollout.toy_envs import Countdown
 
-BASELINES = ("constant", "shared", "history")
+BASELINES = ("constant", "shared", "history", "quadratic")
 
 
 def short_drive() -> Track:
@@ -36,9 +36,8 @@ def test_the_gradient_is_that_of_the_unrolled_pieces_cut_off_at_the_update(basel
     assert not pieces.begins
     for parameter in rpg.parameters:
         parameter.grad = None
-    features = rpg.policy.unroll(
-        torch.from_numpy(pieces.observations), torch.from_numpy(pieces.actions), pieces.seen, torch.from_numpy(pieces.memory)
-    )  # fmt: skip
+    observations, actions = torch.from_numpy(pieces.observations), torch.from_numpy(pieces.actions)
+    features = rpg.policy.unroll(observations, actions, pieces.seen, torch.from_numpy(pieces.memory))
     b = np.broadcast_to(rpg.baseline.expected(pieces, features), pieces.rewards.shape)
     rpg.backpropagate(pieces)
     found = [p.grad for p in rpg.policy.free_parameters()]
