@@ -102,9 +102,9 @@ def _both_wheels(inner, spread):  # type: ignore[no-untyped-def]
 def advance(h, n, p, u, v, r, d, goal, pace, spread, bend, tyres, motor):  # type: ignore[no-untyped-def]
     """One substep of h seconds: how much (s, n, p, u, v, r) change, and where the inner wheel points afterwards."""
     sin_1, cos_1 = _both_wheels(d, spread)
-    sin_2, cos_2 = _both_wheels(d + within(goal - d, 0.5 * h * pace), spread)
     d += within(goal - d, h * pace)
     sin_4, cos_4 = _both_wheels(d, spread)
+    sin_2, cos_2 = 0.5 * (sin_1 + sin_4), 0.5 * (cos_1 + cos_4)  # in a substep the wheels turn by a degree at most
     s1, n1, p1, u1, v1, r1 = _rates(n, p, u, v, r, sin_1, cos_1, bend, tyres, motor)
     g = 0.5 * h
     s2, n2, p2, u2, v2, r2 = _rates(
