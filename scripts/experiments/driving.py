@@ -24,11 +24,12 @@ from scripts.experiments.training import compose
 TASKS = {"torcs": "TORCS, e-track-1", "track": "embedded track 1"}
 TWO_MINUTES = 120.0  # of driving (s)
 
-WITHIN, FOR_GOOD, OFF, CLEAN, LAP, WALL = "within", "for_good", "off", "clean", "lap", "wall"
+SETTLED, WITHIN, FOR_GOOD, OFF, CLEAN, LAP, WALL = "settled", "within", "for_good", "off", "clean", "lap", "wall"
 WORDS = {
-    WITHIN: "on the road for good within 2 minutes, % of runs",
-    FOR_GOOD: "for good after, s",
-    OFF: "off the road from then on, s a minute",
+    SETTLED: "first 5 clean minutes begin after, s",
+    WITHIN: "and never left it after 2 minutes, % of runs",
+    FOR_GOOD: "off it for the last time after, s",
+    OFF: "off the road after 2 minutes, s a minute",
     CLEAN: "fastest clean minute, km/h",
     LAP: "best clean lap, s",
     WALL: "wall time, s",
@@ -44,7 +45,7 @@ FASTER = Method(
 )
 METHODS = {method.name: method for method in (OURS, THESIS, FASTER)}
 # Section 3.4.4: 10 of 10 runs, "just under 2 minutes", 70 km/h, "just under 3 minutes"
-REPORTED = {WITHIN: 100.0, FOR_GOOD: 120.0, CLEAN: 70.0, LAP: 180.0}
+REPORTED = {SETTLED: 120.0, CLEAN: 70.0, LAP: 180.0}
 
 
 def learner(overrides: tuple[str, ...], seed: int) -> tuple[Algorithm[Any], array[float]]:
@@ -67,6 +68,7 @@ def measure(overrides: tuple[str, ...], seed: int) -> Outcome:
     later = drive.off_seconds[2:]
     return {
         "solved": 1,
+        SETTLED: drive.settled,
         WITHIN: 100.0 * (drive.last_off <= TWO_MINUTES),
         FOR_GOOD: drive.last_off,
         OFF: sum(later) / max(len(later), 1),
@@ -123,10 +125,10 @@ EXPERIMENTS = (
         name="section_3_4_4",
         title="Section 3.4.4: learning to steer a racing car",
         text="A run is a drive of half an hour, or of an hour up to 130 km/h, in which the car learns as it goes and "
-        "acts with all its noise. *For good after* is when it was off the road for the last time in all of the drive. "
-        "A *clean* minute or lap is one that did not leave the road; a minute counts if nine tenths of the way were "
-        f"got ahead along the road, not in circles. A run without a clean lap counts as {NO_LAP:,.0f} s. Numbers are "
-        "means over runs with the 95% bootstrap interval.",
+        "acts with all its noise. *Clean* minutes and laps are those that did not leave the road, and minutes only if "
+        "nine tenths of the way were got ahead along the road, not in circles. A run without a clean lap counts as "
+        f"{NO_LAP:,.0f} s. Numbers are means over runs with the 95% bootstrap interval. The figure has the last lap of "
+        "the first run of the first line.",
         runs=10,
         statistic="mean",
         metrics=tuple(WORDS),

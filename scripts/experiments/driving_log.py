@@ -65,21 +65,30 @@ class Drive:
         return float(off[-1] + 1) / 30.0 if len(off) else 0.0
 
     @property
-    def clean_speed(self) -> float:
-        """The highest mean speed of a minute in which the car got ahead and did not leave the road (km/h); 0 for none.
+    def settled(self) -> float:
+        """When the first five clean minutes on end begin (s); the length of the drive if there are none."""
+        clean, _ = self._clean(5 * STEPS_A_MINUTE)
+        begins = np.flatnonzero(clean)
+        return float(begins[0] if len(begins) else len(self.speed)) / 30.0
 
-        Circles within the road don't count: what was driven must be, to nine tenths, distance along the road.
+    @property
+    def clean_speed(self) -> float:
+        """The highest mean speed of a clean minute (km/h); 0 for none."""
+        clean, ways = self._clean(STEPS_A_MINUTE)
+        return float(np.where(clean, ways, 0.0).max(initial=0.0)) / 60.0 * 3.6
+
+    def _clean(self, step: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Whether so many steps from each on are clean, and the way driven in them (m).
+
+        They are if the car doesn't leave the road and nine tenths of its way are got ahead along it: no circles.
         """
-        step, length = STEPS_A_MINUTE, max(float(self.distance.max()), 1.0)
+        length = max(float(self.distance.max()), 1.0)
         moves = np.diff(self.distance, prepend=self.distance[:1])
         along = np.concatenate([[0.0], np.cumsum(moves - length * np.round(moves / length))])
         driven = np.concatenate([[0.0], np.cumsum(self.speed / 3.6 / 30.0)])
         off = np.concatenate([[0], np.cumsum(self.off_road)])
-        if len(driven) <= step:
-            return 0.0
         ways, ahead = driven[step:] - driven[:-step], along[step:] - along[:-step]
-        clean = (off[step:] == off[:-step]) & (ahead >= 0.9 * ways)
-        return float(np.where(clean, ways, 0.0).max()) / 60.0 * 3.6
+        return (off[step:] == off[:-step]) & (ahead >= 0.9 * ways), ways
 
     @property
     def best_lap(self) -> float:
