@@ -69,10 +69,10 @@ class QuadraticBaseline(Baseline):
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of a run depends on."""
         parts = {"products": self._products, "targets": self._targets, "coefficients": self._coefficients}
-        return {name: torch.from_numpy(part) for name, part in parts.items()}
+        return {"range": self._range, **{name: torch.from_numpy(part) for name, part in parts.items()}}
 
     @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on where ``state_dict`` was taken."""
         self._products, self._targets = state["products"].numpy(), state["targets"].numpy()
-        self._coefficients = state["coefficients"].numpy()
+        self._coefficients, self._range = state["coefficients"].numpy(), tuple(state["range"])
