@@ -94,8 +94,11 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
             directory.write_config(config)  # the limits may be new
             print(f"{algorithm.name} on {recipe.id}, seed {algorithm.seed}: {directory.path}", file=sys.stderr)
             outcome = run.learn() or run.finish(settings.evaluation_episodes)
-    except (FloatingPointError, MemoryError, OSError) as error:  # OSError: the disk is full
+    except (FloatingPointError, MemoryError) as error:
         raise RunError(f"{error}; the run so far is in {directory.path}") from error
+    except OSError as error:  # the disk is full, or a simulator was ended
+        resume = _command(f"resume={directory.path}")
+        raise RunError(f"{error}; the run so far is in {directory.path}, and goes on with: {resume}") from error
     if isinstance(outcome, Signals):
         resume = _command(f"resume={directory.path}")
         print(f"{outcome.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)

@@ -80,7 +80,8 @@ OBSERVATIONS: Final[Mapping[str, Scale]] = {
     "target": Scale(40.0, 17.3),  # km/h
 }
 """All there is to be seen. The numbers are those of an unsteady hand that heads for the look-ahead point, on random
-tracks."""
+tracks. On TORCS' e-track-1 and g-track-2, from 10 to 70 km/h, the thesis's four have means from 0.0 to 0.2, deviations
+from 0.7 to 1.2 under the same hand. A steady one stays nearer to the middle: positions deviate by 0.2 to 0.4."""
 THESIS_OBSERVATIONS: Final = ("speed", "steering", "position", "lookahead")
 
 

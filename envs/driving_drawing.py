@@ -109,7 +109,7 @@ def clock(seconds: float) -> str:
 def picture(view: View) -> Frame:
     """A picture of the moment, ``(HEIGHT, WIDTH, 3)``."""
     canvas = stage(view.title, view.aim, view.message(), _cards(view))
-    canvas.text((WIDTH - MARGIN, 88), f"return {view.episode_return:,.0f}", 17, palette.FAINT, "rm")
+    canvas.text((WIDTH - MARGIN, 88), f"return {view.episode_return:z,.0f}", 17, palette.FAINT, "rm")
     canvas.text((MARGIN, 525), f"{view.step:,} of {view.max_steps:,} steps", 14, palette.FAINT)
     left = round(MARGIN)
     canvas.paste((left, _TOP), _map(view))
@@ -224,10 +224,10 @@ def _cards(view: View) -> list[Card]:
     last = f"last: {clock(view.lap_time)}" if view.laps else "none completed"
     where = "beside the road" if view.off_road else _side(view.position)
     return [
-        Card("speed", f"{view.speed:.1f} km/h", asked),
-        Card("position", f"{view.position:+.2f}", where, fill=fill, color=color),
-        Card("steering", f"{math.degrees(view.wheels):+.1f}°", f"{view.wheels / view.lock:+.0%} of the lock"),
-        Card("distance", f"{view.distance:,.0f} m", f"of {view.length:,.0f} m"),
+        Card("speed", f"{view.speed:z.1f} km/h", asked),
+        Card("position", f"{view.position:+z.2f}", where, fill=fill, color=color),
+        Card("steering", f"{math.degrees(view.wheels):+z.1f}°", f"{view.wheels / view.lock:+z.0%} of the lock"),
+        Card("distance", f"{view.distance:z,.0f} m", f"of {view.length:,.0f} m"),
         Card("laps", f"{view.laps}", last),
     ]
 
@@ -245,11 +245,12 @@ def text(view: View) -> str:
     cell = round(4 + _TEXT_CELLS / 2 - view.position * _TEXT_CELLS / 2)
     marks[min(max(cell, 0), len(marks) - 1)] = "A"
     asked = "" if view.target is None else f" (to hold: {view.target:.1f})"
+    wheels = f"{math.degrees(view.wheels):+z.1f}°"
     return "\n".join(
         [
             f"{''.join(marks)}  {view.message()[0]}",
-            f" {view.speed:.1f} km/h{asked}, position {view.position:+.2f}, wheels {math.degrees(view.wheels):+.1f}°",
-            f" {view.distance:,.0f} of {view.length:,.0f} m, {view.laps} laps",
-            f" {view.step:,} of {view.max_steps:,} steps, return {view.episode_return:,.0f}",
+            f" {view.speed:z.1f} km/h{asked}, position {view.position:+z.2f}, wheels {wheels}",
+            f" {view.distance:z,.0f} of {view.length:,.0f} m, {view.laps} laps",
+            f" {view.step:,} of {view.max_steps:,} steps, return {view.episode_return:z,.0f}",
         ]
     )

@@ -118,8 +118,8 @@ class Track(KernelEnv):
     """A car on a closed road, as drawn above.
 
     Args:
-        track: A seed for a random road of 2 to 4 km, "oval" or "circuit", or a list of segments: ["straight", metres]
-            and ["turn", radius in metres, degrees to the left].
+        track: A seed for a random road of 2 to 4 km, "oval", "circuit", "g-track-2" (of TORCS), or a list of segments:
+            ["straight", metres] and ["turn", radius in metres, degrees to the left].
         width: Of the road (m).
         speed_profile: (start, end, seconds) in km/h, km/h and s: the speed that a controller holds rises from start to
             end over the time driven; a number for a constant speed; None to give throttle and brake to the agent.

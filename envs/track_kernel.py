@@ -37,11 +37,11 @@ _SUBSTEP: Final = 1.0 / 120.0  # s, at most
 _AHEAD: Final = 16  # samples by which the tables go on beyond a lap
 
 # In `floats`, first the car:
-_MASS, _INERTIA, _FRONT, _REAR, _LOCK, _STEER_RATE, _GRIP, _FRONT_STIFF, _REAR_STIFF, _RESERVE, _FLOOR = range(11)
-_POWER, _THRUST, _BRAKES, _BALANCE, _DRAG, _ROLLING, _STANDSTILL, _GAIN = range(11, 19)
-_OFF_GRIP, _OFF_ROLLING, _VERGE, _WALL_LOSS = range(19, 23)
-_SECONDS, _HALF_WIDTH, _LENGTH, _SPACING, _SPEED, _RISE, _RISE_STEPS, _BASE, _LOOK_GAIN = range(23, 32)
-_SCALES: Final = 32  # mean and 1 / deviation of each observation
+_MASS, _INERTIA, _FRONT, _REAR, _TREAD, _LOCK, _STEER_RATE, _FRONT_GRIP, _REAR_GRIP = range(9)
+_FRONT_STIFF, _REAR_STIFF, _RESERVE, _SKID, _FLOOR, _POWER, _THRUST, _COASTING, _BRAKES, _BALANCE = range(9, 19)
+_DRAG, _ROLLING, _STANDSTILL, _GAIN, _OFF_GRIP, _OFF_ROLLING, _VERGE, _WALL_LOSS = range(19, 27)
+_SECONDS, _HALF_WIDTH, _LENGTH, _SPACING, _SPEED, _RISE, _RISE_STEPS, _BASE, _LOOK_GAIN = range(27, 36)
+_SCALES: Final = 36  # mean and 1 / deviation of each observation
 _TABLES: Final = _SCALES + 2 * len(OBSERVATIONS)
 # In `ints`:
 _PEDALS, _SUBSTEPS, _STUCK, _RANDOM, _SAMPLES, _SEEN, _SEEN_NAMES = range(7)
@@ -61,12 +61,15 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
     h = floats[_SECONDS] / ints[_SUBSTEPS]
     pedals = ints[_PEDALS] == 1
     lock, pace, half_width = floats[_LOCK], floats[_STEER_RATE], floats[_HALF_WIDTH]
-    mass, a, b, grip, off_grip = floats[_MASS], floats[_FRONT], floats[_REAR], floats[_GRIP], floats[_OFF_GRIP]
-    inertia, reserve, floor, balance = floats[_INERTIA], floats[_RESERVE], floats[_FLOOR], floats[_BALANCE]
-    power, thrust, brakes = floats[_POWER], floats[_THRUST], floats[_BRAKES]
-    drag, standstill, weight = floats[_DRAG], floats[_STANDSTILL], floats[_MASS] * GRAVITY
+    mass, a, b, off_grip = floats[_MASS], floats[_FRONT], floats[_REAR], floats[_OFF_GRIP]
+    reserve, skid, floor = floats[_RESERVE], floats[_SKID], floats[_FLOOR]
+    power, thrust, brakes, balance = floats[_POWER], floats[_THRUST], floats[_BRAKES], floats[_BALANCE]
+    lightness, agility, fade = 1.0 / mass, 1.0 / floats[_INERTIA], 1.0 / floats[_STANDSTILL]
+    spread, coasting = 0.5 * floats[_TREAD] / (a + b), floats[_COASTING]
+    drag, weight = floats[_DRAG], floats[_MASS] * GRAVITY
     rolling, off_rolling = weight * floats[_ROLLING], weight * floats[_OFF_ROLLING]
     load_f, load_r = weight * b / (a + b), weight * a / (a + b)
+    grip_f, grip_r = load_f * floats[_FRONT_GRIP], load_r * floats[_REAR_GRIP]
     stiff_f, stiff_r = load_f * floats[_FRONT_STIFF], load_r * floats[_REAR_STIFF]
     gain, hold = (0.0, 0.0) if pedals else (mass * floats[_GAIN], drag)
     speed, rise, rise_steps = floats[_SPEED], floats[_RISE], floats[_RISE_STEPS]
@@ -75,16 +78,17 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
         n, p, u = state[OFFSET * LANES + i], state[ANGLE * LANES + i], state[FORWARD * LANES + i]
         v, r, d = state[SIDEWAYS * LANES + i], state[TURNING * LANES + i], state[WHEELS * LANES + i]
         on_road = abs(n) <= half_width
-        mu = grip if on_road else grip * off_grip
+        hold_on = 1.0 if on_road else off_grip
         resistance = rolling if on_road else off_rolling
         target = speed + rise * min(state[DRIVEN * LANES + i] / rise_steps, 1.0)
         pedal = within(action[second + i], 1.0)
-        push = pedal * (thrust if pedal > 0.0 else brakes) if pedals else rolling
-        most = power * max(pedal, 0.0) if pedals else power
-        tyres = (a, b, mass, inertia, mu * load_f, mu * load_r, stiff_f, stiff_r, reserve, floor)
-        motor = (most, thrust, brakes, balance, drag, resistance, standstill, gain, target, push, hold)
+        throttle = max(pedal, 0.0)
+        push = pedal * (thrust if pedal > 0.0 else brakes) - (1.0 - throttle) * coasting if pedals else rolling
+        most = power * throttle if pedals else power
+        tyres = (a, b, lightness, agility, hold_on * grip_f, hold_on * grip_r, stiff_f, stiff_r, reserve, skid, floor)
+        motor = (most, thrust, brakes, balance, drag, resistance, fade, gain, target, push, hold)
         goal, bend = lock * within(action[i], 1.0), state[_BEND * LANES + i]
-        ds, dn, dp, du, dv, dr, d = advance(h, n, p, u, v, r, d, goal, pace, bend, tyres, motor)
+        ds, dn, dp, du, dv, dr, d = advance(h, n, p, u, v, r, d, goal, pace, spread, bend, tyres, motor)
         state[DISTANCE * LANES + i] += ds
         state[PROGRESS * LANES + i] += ds
         state[OFFSET * LANES + i], state[ANGLE * LANES + i] = n + dn, p + dp

@@ -2,7 +2,8 @@
 
 A bicycle, as it is called: both wheels of an axle are one. The body has the velocity u forwards and v to the left and
 turns at the rate r; the front wheels, a metres ahead of the centre of mass, point to the left by the angle d, the rear
-wheels are b metres behind it::
+wheels are b metres behind it. Steered is the inner one of the two front wheels; with the tread t, the one in the middle
+has cot d = cot(inner) + t / 2 (a + b), as the Ackermann steering of TORCS::
 
     m (du/dt - v r) = X_f cos d - Y_f sin d + X_r - drag u |u| - rolling resistance
     m (dv/dt + u r) = X_f sin d + Y_f cos d + Y_r
@@ -52,30 +53,32 @@ def within(x, bound):  # type: ignore[no-untyped-def]
 def _side_force(sideways, forwards, stiffness, grip, along, floor):  # type: ignore[no-untyped-def]
     """The brush: force to the left on an axle whose wheels move so, with a force along them."""
     room = math.sqrt(grip * grip - along * along)
-    slip = abs(sideways) / max(abs(forwards), floor)
-    rest = 1.0 - min(stiffness * slip / (3.0 * room), 1.0)
+    rest = 1.0 - min(stiffness * abs(sideways) / (3.0 * room * max(abs(forwards), floor)), 1.0)
     force = room * (1.0 - rest * rest * rest)
     return -force if sideways > 0.0 else force
 
 
 @_inline
 def _rates(n, p, u, v, r, sin_d, cos_d, bend, tyres, motor):  # type: ignore[no-untyped-def]
-    """Time derivatives of (s, n, p, u, v, r); ``tyres`` and ``motor`` are what is constant in a substep."""
-    a, b, mass, inertia, grip_f, grip_r, stiff_f, stiff_r, reserve, floor = tyres
-    power, thrust, brakes, balance, drag, rolling, standstill, gain, target, push, hold = motor
+    """Time derivatives of (s, n, p, u, v, r); ``tyres`` and ``motor`` are what is constant in a substep.
+
+    Of mass, inertia and the speed of the standstill, here are the inverses: divisions take long.
+    """
+    a, b, lightness, agility, grip_f, grip_r, stiff_f, stiff_r, reserve, skid, floor = tyres
+    power, thrust, brakes, balance, drag, rolling, fade, gain, target, push, hold = motor
     demand = gain * (target - u) + push + hold * u * abs(u)
     engine = min(min(max(demand, 0.0), thrust), power / max(u, 1.0))
     brake = min(max(-demand, 0.0), brakes)
-    fading = within(u / standstill, 1.0)
-    x_f = -fading * min(balance * brake, reserve * grip_f)
-    x_r = within(engine - fading * (1.0 - balance) * brake, reserve * grip_r)
+    fading = within(u * fade, 1.0)
+    x_f = -fading * min(balance * brake, skid * grip_f)
+    x_r = min(max(engine - fading * (1.0 - balance) * brake, -skid * grip_r), reserve * grip_r)
     left_f = v + a * r
     y_f = _side_force(left_f * cos_d - u * sin_d, u * cos_d + left_f * sin_d, stiff_f, grip_f, x_f, floor)
     y_r = _side_force(v - b * r, u, stiff_r, grip_r, x_r, floor)
     front = x_f * sin_d + y_f * cos_d
-    du = (x_f * cos_d - y_f * sin_d + x_r - drag * u * abs(u) - rolling * fading) / mass + v * r
-    dv = (front + y_r) / mass - u * r
-    dr = (a * front - b * y_r) / inertia
+    du = (x_f * cos_d - y_f * sin_d + x_r - drag * u * abs(u) - rolling * fading) * lightness + v * r
+    dv = (front + y_r) * lightness - u * r
+    dr = (a * front - b * y_r) * agility
     sin_p, cos_p = sincos(p)
     ds = (u * cos_p - v * sin_p) / max(1.0 - n * bend, _NEAR)
     return ds, u * sin_p + v * cos_p, r - bend * ds, du, dv, dr
@@ -87,12 +90,21 @@ def _mean(h, k1, k2, k3, k4):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def advance(h, n, p, u, v, r, d, goal, pace, bend, tyres, motor):  # type: ignore[no-untyped-def]
-    """One substep of h seconds: how much (s, n, p, u, v, r) change, and where the wheels point afterwards."""
-    sin_1, cos_1 = sincos(d)
-    sin_2, cos_2 = sincos(d + within(goal - d, 0.5 * h * pace))
+def _both_wheels(inner, spread):  # type: ignore[no-untyped-def]
+    """Sine and cosine of where the one front wheel of the model points, if the inner one of two points there."""
+    sin, cos = sincos(inner)
+    cos += spread * abs(sin)
+    norm = 1.0 / math.sqrt(sin * sin + cos * cos)
+    return norm * sin, norm * cos
+
+
+@_inline
+def advance(h, n, p, u, v, r, d, goal, pace, spread, bend, tyres, motor):  # type: ignore[no-untyped-def]
+    """One substep of h seconds: how much (s, n, p, u, v, r) change, and where the inner wheel points afterwards."""
+    sin_1, cos_1 = _both_wheels(d, spread)
     d += within(goal - d, h * pace)
-    sin_4, cos_4 = sincos(d)
+    sin_4, cos_4 = _both_wheels(d, spread)
+    sin_2, cos_2 = 0.5 * (sin_1 + sin_4), 0.5 * (cos_1 + cos_4)  # in a substep the wheels turn by a degree at most
     s1, n1, p1, u1, v1, r1 = _rates(n, p, u, v, r, sin_1, cos_1, bend, tyres, motor)
     g = 0.5 * h
     s2, n2, p2, u2, v2, r2 = _rates(

@@ -31,8 +31,14 @@ NAMED: Final[Mapping[str, Sequence[Sequence[Any]]]] = {
         *([STRAIGHT, 217], [TURN, 30, 180], [STRAIGHT, 223], [TURN, 80, -95], [STRAIGHT, 168], [TURN, 150, 95]),
         *([STRAIGHT, 143], [TURN, 45, 90]),
     ],
+    "g-track-2": [
+        *([STRAIGHT, 185], [TURN, 200, -30], [STRAIGHT, 150], [TURN, 90, -30], [STRAIGHT, 150], [TURN, 100, 60]),
+        *([TURN, 60, 60], [STRAIGHT, 100], [TURN, 50, 60], [STRAIGHT, 500], [TURN, 50, -60], [TURN, 50, 40]),
+        *([TURN, 90, 80], [TURN, 150, 20], [TURN, 150, -20], [STRAIGHT, 450], [TURN, 150, 50], [TURN, 100, 30]),
+        *([TURN, 100, -30], [STRAIGHT, 150], [TURN, 100, 130], [STRAIGHT, 348]),
+    ],
 }
-"""Roads that have a name, as segments."""
+"""Roads that have a name, as segments; the last has the middle line of TORCS' g-track-2, which is 15 m wide."""
 
 _LENGTHS: Final = (2000.0, 4000.0)  # m, of random roads
 _TIGHTEST: Final = 25.0  # m, radius of their hairpins

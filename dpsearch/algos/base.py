@@ -155,6 +155,11 @@ class Algorithm(ABC, Generic[ConfigT]):
         kernel = getattr(self.rollouts, "kernel", None)
         return kernel is not None and kernel.draws == 0 and self.policy.head.draws == 0
 
+    @property
+    def headline(self) -> str:
+        """How well it does, in two words or three."""
+        return f"return {np.mean(self.recent_returns):,.6g}" if self.recent_returns else "no episode over yet"
+
     @abstractmethod
     def update(self) -> Metrics:
         """One iteration: play, learn, count. Returns scalars to log."""
@@ -292,6 +297,10 @@ class Algorithm(ABC, Generic[ConfigT]):
         )
         env_actions = to_env_actions(self.rollouts.action_space, actions.numpy())
         return (env_actions[0] if single else env_actions), after.numpy()
+
+    def close(self) -> None:
+        """Let go of threads, processes and windows."""
+        self.rollouts.close()
 
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of the run depends on, as tensors and plain values."""

@@ -37,6 +37,10 @@ class Baseline(ABC):
             b, that broadcasts to ``(T, N)``; and a loss to add to the policy's, summed over steps, or None.
         """
 
+    @abstractmethod
+    def expected(self, episodes: Episodes, features: Tensor) -> NDArray[np.float32] | float:
+        """The baseline for a batch, likewise, without learning from it: what is to come when episodes are cut off."""
+
     def parameters(self) -> list[nn.Parameter]:
         """What the optimiser adjusts along with the policy."""
         return []
@@ -65,10 +69,14 @@ class ConstantBaseline(Baseline):
     def __call__(
         self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[float, None]:
-        mean = sum(self._totals) / sum(self._lengths) if self._lengths else 0.0
+        mean = self.expected(episodes, features)
         self._totals.extend(returns.sum(0, dtype=np.float64).tolist())
         self._lengths.extend(mask.sum(0).tolist())
         return mean, None
+
+    @override
+    def expected(self, episodes: Episodes, features: Tensor) -> float:
+        return sum(self._totals) / sum(self._lengths) if self._lengths else 0.0
 
     @override
     def state_dict(self) -> dict[str, Any]:
@@ -107,6 +115,12 @@ class SharedBaseline(Baseline):
         expected = self._readout(features).squeeze(-1)  # (T, N)
         error = ((torch.from_numpy(returns) - expected) * torch.from_numpy(mask)).square().sum()
         return expected.detach().numpy(), self._weight * error
+
+    @override
+    def expected(self, episodes: Episodes, features: Tensor) -> NDArray[np.float32]:
+        with torch.no_grad():
+            expected: NDArray[np.float32] = self._readout(features).squeeze(-1).numpy()
+        return expected
 
     @override
     def parameters(self) -> list[nn.Parameter]:

@@ -14,7 +14,7 @@ from dpsearch.algos.baselines import Baseline
 from dpsearch.algos.optimizers import make_optimizer
 from dpsearch.policies import Head
 from dpsearch.policies.buckets import run_in_buckets
-from dpsearch.rollout import Episodes
+from dpsearch.rollout import Episodes, Pieces
 
 
 class HistoryBaseline(Baseline):
@@ -60,13 +60,14 @@ class HistoryBaseline(Baseline):
         self._net = nn.ModuleList([self._core, self._readout])
         self._optimizer = make_optimizer(optimizer, self._net.parameters(), learning_rate, optimizer_options or {})
         self._mean, self._deviation = 0.0, 0.0  # of the returns; a deviation of 0 says that none were seen
+        self._carried = torch.zeros(0)  # h, c and the previous action at the end of the last piece of a stream
 
     @override
     def __call__(
         self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], None]:
-        inputs, lengths = self._inputs(episodes), episodes.lengths
-        expected = self._forward(inputs, lengths)  # serves twice: as the baseline, and to learn from
+        inputs, lengths, state = self._inputs(episodes), episodes.seen, self._state(episodes)
+        expected = self._forward(inputs, lengths, state)  # serves twice: as the baseline, and to learn from
         foreseen: NDArray[np.float32] = expected.detach().numpy()
         baseline = np.float32(self._mean) + np.float32(self._deviation) * foreseen
         self._remember_scale(returns[mask])
@@ -74,18 +75,22 @@ class HistoryBaseline(Baseline):
         weights = torch.from_numpy(mask.astype(np.float32) / mask.sum())
         for step in range(self._steps):
             if step > 0:
-                expected = self._forward(inputs, lengths)
+                expected = self._forward(inputs, lengths, state)
             for parameter in self._net.parameters():
                 parameter.grad = None
             ((expected - targets).square() * weights).sum().backward()
             self._optimizer.step()
+        if isinstance(episodes, Pieces):
+            self._carry(episodes, inputs, state)
         return baseline, None
 
-    def expected(self, episodes: Episodes) -> NDArray[np.float32]:
-        """What it expects at each step, ``(T, N)``."""
+    @override
+    def expected(self, episodes: Episodes, features: Tensor | None = None) -> NDArray[np.float32]:
         with torch.no_grad():
-            expected: NDArray[np.float32] = self._forward(self._inputs(episodes), episodes.lengths).numpy()
-        return self._mean + self._deviation * expected
+            expected: NDArray[np.float32] = self._forward(
+                self._inputs(episodes), episodes.seen, self._state(episodes)
+            ).numpy()
+        return np.float32(self._mean) + np.float32(self._deviation) * expected
 
     def _remember_scale(self, returns: NDArray[np.float32]) -> None:
         memory = 0.9 if self._deviation > 0.0 else 0.0
@@ -97,10 +102,41 @@ class HistoryBaseline(Baseline):
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         echoes = self._head.echo(actions).roll(1, 0)
         echoes[0] = 0
+        if self._goes_on(episodes):
+            echoes[0, 0] = self._carried[2 * self._core.hidden_size :]
         return torch.cat((observations, echoes.float()), -1)
 
-    def _forward(self, inputs: Tensor, lengths: NDArray[np.int64]) -> Tensor:
-        features = run_in_buckets(lambda part: self._core(part)[0], inputs, lengths)
+    def _goes_on(self, episodes: Episodes) -> bool:
+        """Whether the first piece goes on from where the last batch ended."""
+        return isinstance(episodes, Pieces) and not episodes.begins and len(self._carried) > 0
+
+    def _state(self, episodes: Episodes) -> tuple[Tensor, Tensor] | None:
+        """The LSTM's h and c before the first step, ``(1, N, H)`` each; None for whole episodes."""
+        if not isinstance(episodes, Pieces):
+            return None
+        n = self._core.hidden_size
+        h, c = torch.zeros(2, 1, len(episodes), n)
+        if self._goes_on(episodes):
+            h[0, 0], c[0, 0] = self._carried[:n], self._carried[n : 2 * n]
+        return h, c
+
+    def _carry(self, pieces: Pieces, inputs: Tensor, state: tuple[Tensor, Tensor] | None) -> None:
+        """Remember h, c and the action at the end of the last piece."""
+        assert state is not None
+        length = int(pieces.lengths[-1])
+        with torch.no_grad():
+            before = (state[0][:, -1:].contiguous(), state[1][:, -1:].contiguous())
+            _, (h, c) = self._core(inputs[:length, -1:], before)
+            echo = self._head.echo(torch.from_numpy(pieces.actions[length - 1, -1:]))
+        self._carried = torch.cat((h[0, 0], c[0, 0], echo[0].float()))
+
+    def _forward(
+        self, inputs: Tensor, lengths: NDArray[np.int64], state: tuple[Tensor, Tensor] | None = None
+    ) -> Tensor:
+        if state is None:
+            features = run_in_buckets(lambda part: self._core(part)[0], inputs, lengths)
+        else:
+            features, _ = self._core(inputs, state)
         expected: Tensor = self._readout(features).squeeze(-1)
         return expected
 
@@ -111,6 +147,7 @@ class HistoryBaseline(Baseline):
             "net": self._net.state_dict(),
             "optimizer": self._optimizer.state_dict(),
             "returns": [self._mean, self._deviation],
+            "carried": self._carried,
         }
 
     @override
@@ -119,3 +156,4 @@ class HistoryBaseline(Baseline):
         self._net.load_state_dict(state["net"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._mean, self._deviation = state["returns"]
+        self._carried = state.get("carried", torch.zeros(0))

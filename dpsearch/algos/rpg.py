@@ -20,16 +20,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from typing_extensions import override
 
 from dpsearch.algos.base import BASELINE, WEIGHTS, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.natural_gradient import natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
+from dpsearch.algos.quadratic_baseline import QuadraticBaseline
 from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
-from dpsearch.rollout import Episodes
+from dpsearch.rollout import Episodes, Pieces, Stream
 
+BASELINES = ("constant", "shared", "history", "quadratic")
 SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
 
 
@@ -51,6 +54,8 @@ class RPGConfig:
             profit from it.
             ``"history"``: b(h_t) is what a second LSTM expects, which sees the same history and is trained on the
             returns received (section 3.3.2); see ``HistoryBaseline``.
+            ``"quadratic"``: b(o_t) is the quadratic function of the observation that fits the returns of late best: of
+            use at once, without memory.
         baseline_episodes: Episodes in the constant baseline's moving average; 0 for no baseline.
         baseline_weight: Weight of the shared baseline's squared error in the loss.
         baseline_cells: Of the history baseline.
@@ -78,6 +83,9 @@ class RPGConfig:
         damping: Added to the diagonal of the Fisher information matrix of the natural gradient.
         restart_episodes: If given, learning begins again from other random weights whenever so many episodes did not
             solve the task: on some tasks most starts lead to a policy that is hard to improve, and a few lead past it.
+        update_steps: If given, learn from one continuing stream, every so many steps, instead of from batches of whole
+            episodes: for tasks that go on (section 3.4.4). The gradient is cut off where the update is, the recurrent
+            state is carried on, and what the baseline expects there completes the returns.
         variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
             finite as sigma goes to 0.
     """
@@ -105,6 +113,7 @@ class RPGConfig:
     natural_step: float | None = None
     damping: float = 0.01
     restart_episodes: int | None = None
+    update_steps: int | None = None
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
@@ -118,7 +127,7 @@ class RPGConfig:
                 "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
                 "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
                 "gradient_length": (_positive(self.gradient_length), "positive or null"),
-                "baseline": (self.baseline in ("constant", "shared", "history"), "'constant', 'shared' or 'history'"),
+                "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
                 "baseline_cells": (self.baseline_cells >= 1, "at least 1"),
                 "baseline_optimizer": (self.baseline_optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
@@ -133,8 +142,15 @@ class RPGConfig:
                     and (self.natural_step is None or (self.gradient_length is None and self.baseline != "shared")),
                     "positive or null, and null with a gradient_length or a shared baseline",
                 ),
-                "restart_episodes": (self.restart_episodes is None or self.restart_episodes >= 1, "at least 1 or null"),
+                "restart_episodes": (
+                    self.restart_episodes is None or (self.restart_episodes >= 1 and self.update_steps is None),
+                    "at least 1, and without update_steps, or null",
+                ),
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
+                "update_steps": (
+                    self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
+                    "at least 1, and without batch_steps, or null",
+                ),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
         )
@@ -155,6 +171,7 @@ class RPG(Algorithm[RPGConfig]):
         if self.config.variance_scaled:
             head = self.policy.head  # refused now, not when it learns
             head.scaled_eligibilities(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size), torch.ones(1))
+        self.stream = None if self.config.update_steps is None else Stream(self.rollouts, self.training_key)
         self.starts = 0
         self._begin()
 
@@ -168,6 +185,7 @@ class RPG(Algorithm[RPGConfig]):
             self.config.optimizer, self.parameters, self.config.learning_rate, self.config.optimizer_options
         )
         self.batch_size = self.config.batch_size
+        self._reward = 0.0  # of a step of the stream, in the last update
         self._mean_square = 0.0  # of the advantages, a moving average over batches
 
     def _make_baseline(self) -> Baseline:
@@ -176,6 +194,8 @@ class RPG(Algorithm[RPGConfig]):
             return ConstantBaseline(config.baseline_episodes)
         if config.baseline == "shared":
             return SharedBaseline(policy.hidden_size, config.baseline_weight)
+        if config.baseline == "quadratic":
+            return QuadraticBaseline(policy.observation_size)
         return HistoryBaseline(
             policy.observation_size,
             policy.head,
@@ -199,7 +219,7 @@ class RPG(Algorithm[RPGConfig]):
         if limit is not None and self.episodes - self._first_episode >= limit:
             self._begin()
             self.policy.initialise(self._weights_seed(WEIGHTS))
-        episodes = self.play_batch(self.batch_size)
+        episodes = self.play_batch(self.batch_size) if self.stream is None else self._play_on(self.stream)
         sampled = perf_counter()
         for parameter in self.parameters:
             parameter.grad = None  # optimizer.zero_grad() takes ten times longer
@@ -214,14 +234,33 @@ class RPG(Algorithm[RPGConfig]):
             fitting = round(self.config.batch_steps * len(episodes) / episodes.steps)
             self.batch_size = min(max(fitting, self.config.batch_size), 64 * self.config.batch_size)
         return {
-            "return": float(episodes.returns.mean()),
-            "episode_length": episodes.steps / len(episodes),
+            **self._played(episodes),
             "gradient_norm": length,
             **judged,
             "time/sample": sampled - start,
             "time/gradient": backpropagated - sampled,
             "time/step": perf_counter() - backpropagated,
         }
+
+    def _played(self, episodes: Episodes) -> Metrics:
+        if self.stream is None:
+            return {"return": float(episodes.returns.mean()), "episode_length": episodes.steps / len(episodes)}
+        self._reward = float(episodes.returns.sum()) / episodes.steps
+        return {"reward": self._reward}
+
+    @property
+    @override
+    def headline(self) -> str:
+        return super().headline if self.stream is None else f"reward {self._reward:,.4g} a step"
+
+    def _play_on(self, stream: Stream) -> Pieces:
+        """The next steps of the stream, counted."""
+        assert self.config.update_steps is not None
+        pieces = stream.play(self.policy, self.config.update_steps)
+        self.episodes += len(pieces.finished)
+        self.env_steps += pieces.steps
+        self.recent_returns.extend(pieces.finished.tolist())
+        return pieces
 
     def backpropagate(self, episodes: Episodes) -> Metrics:
         """Add minus section 3.3.2's gradient to the parameters' ``grad``.
@@ -232,10 +271,13 @@ class RPG(Algorithm[RPGConfig]):
         """
         head, config = self.policy.head, self.config
         mask = episodes.mask  # (T, N)
-        returns = episodes.returns_to_go(config.gamma)  # R_t, (T, N), section 2.1
+        count = len(episodes) if self.stream is None else 1  # the pieces of a stream are one episode
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
-        features = self.policy.unroll(observations, actions, episodes.lengths)  # (T, N, H), a fused call or a few
+        state = None if episodes.state is None else torch.from_numpy(episodes.state)
+        features = self.policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
         outputs = self.policy.readout(features)  # (T, N, K)
+        foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
+        returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns, mask)
         surprises = (returns - baseline) * mask
         advantages = self._advantages(episodes, surprises)  # (T, N)
@@ -243,10 +285,10 @@ class RPG(Algorithm[RPGConfig]):
             scale = self._running_scale(advantages[mask])
             advantages = advantages / scale
             loss = None if loss is None else loss / scale**2
-        weights = advantages / -len(episodes)  # minus, as optimisers descend
+        weights = advantages / -count  # minus, as optimisers descend
         bonus = None
         if config.entropy_bonus > 0.0:
-            strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -len(episodes)
+            strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -count
             bonus = torch.from_numpy(mask * np.float32(strength))
         seen = outputs.detach()
         if not mask.all():  # what the policy would do on padding must not matter
@@ -254,30 +296,33 @@ class RPG(Algorithm[RPGConfig]):
         eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
         eligibilities, entropy = eligible(seen, actions, torch.from_numpy(weights), bonus)
         if config.natural_step is not None:
-            self._ascend_naturally(episodes, outputs, eligibilities)
+            divergence = config.natural_step
+            if self.stream is not None and config.normalise_advantages:  # where all goes as expected, little is learned
+                divergence *= min(float(np.square(advantages[mask]).mean()), 1.0)
+            self._ascend_naturally(episodes, outputs, eligibilities, divergence)
         elif loss is None:
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:
-            torch.autograd.backward((outputs, loss / len(episodes)), (eligibilities, None))
+            torch.autograd.backward((outputs, loss / count), (eligibilities, None))
         spread = float(returns[mask].var())
         return {
             "entropy": float((entropy.numpy() * mask).sum()) / episodes.steps,
             "explained_variance": 1.0 - float(surprises[mask].var()) / spread if spread > 0.0 else 0.0,
         }
 
-    def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor) -> None:
+    def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float) -> None:
         """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
+        state = None if episodes.state is None else torch.from_numpy(episodes.state)
         gradient = torch.autograd.grad(outputs, self.parameters, eligibilities, retain_graph=True)
-        assert self.config.natural_step is not None
         steps = natural_step(
             self.policy,
             [-part for part in gradient],
             outputs,
-            lambda policy: policy.readout(policy.unroll(observations, actions, episodes.lengths)),
+            lambda policy: policy.readout(policy.unroll(observations, actions, episodes.seen, state)),
             episodes.mask,
             self.config.damping,
-            self.config.natural_step,
+            divergence,
         )
         for parameter, step in zip(self.parameters, steps, strict=True):
             parameter.grad = -step  # optimisers descend
@@ -312,6 +357,12 @@ class RPG(Algorithm[RPGConfig]):
             torch._foreach_mul_(gradients, self.config.gradient_length / length)
         return length
 
+    @override
+    def close(self) -> None:
+        super().close()
+        if self.stream is not None:
+            self.stream.close()
+
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of the run depends on."""
         return {
@@ -321,6 +372,7 @@ class RPG(Algorithm[RPGConfig]):
             "batch_size": self.batch_size,
             "mean_square": self._mean_square,
             "start": [self.starts, self._first_update, self._first_episode],
+            "stream": None if self.stream is None else self.stream.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -331,3 +383,5 @@ class RPG(Algorithm[RPGConfig]):
         self.batch_size = state["batch_size"]
         self._mean_square = state["mean_square"]
         self.starts, self._first_update, self._first_episode = state["start"]
+        if self.stream is not None:
+            self.stream.load_state_dict(state["stream"])

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from dpsearch.policies.buckets import run_in_buckets
 from dpsearch.policies.compiled import CompiledPolicy, compiled_policy
-from dpsearch.policies.heads import Head
+from dpsearch.policies.heads import Gaussian, Head
 from dpsearch.policies.spaces import head_for, observation_size
 
 Core = Literal["lstm", "rnn", "none"]
@@ -36,6 +36,7 @@ class PolicyConfig:
     input_bias: float = 0.0
     readout: bool = True
     previous_action: bool = False
+    init_std: float | None = None
 
 
 class RecurrentPolicy(nn.Module):
@@ -56,6 +57,8 @@ class RecurrentPolicy(nn.Module):
             recurrent network without a layer of its own for the output.
         previous_action: The policy also sees its previous action, one-hot if discrete, zeros at first. A policy that
             samples its actions cannot otherwise know which it took.
+        init_std: The standard deviation that a Gaussian policy starts with, in (0, 1); None for one half, since all
+            weights are small.
         seed: Seed of the initial weights.
     """
 
@@ -72,6 +75,7 @@ class RecurrentPolicy(nn.Module):
         input_bias: float = 0.0,
         readout: bool = True,
         previous_action: bool = False,
+        init_std: float | None = None,
         seed: int = 0,
     ) -> None:
         if core not in ("lstm", "rnn", "none"):
@@ -86,6 +90,8 @@ class RecurrentPolicy(nn.Module):
                 raise ValueError(f"{name} must be finite, got {added}")
         if (forget_bias or input_bias) and (core != "lstm" or not bias):
             raise ValueError(f"forget_bias and input_bias need an LSTM with biases, got core {core!r}, bias {bias}")
+        if init_std is not None and not (isinstance(head, Gaussian) and bias and readout and 0.0 < init_std < 1.0):
+            raise ValueError(f"init_std must be in (0, 1), of a Gaussian policy with biases, got {init_std}")
         if not readout and hidden_size < head.n_outputs:
             raise ValueError(f"readout must be true if hidden_size is below the {head.n_outputs} outputs needed")
         super().__init__()
@@ -95,7 +101,7 @@ class RecurrentPolicy(nn.Module):
         self.core_type = cast(Core, core)
         self.bias = bias
         self._config = PolicyConfig(
-            core, hidden_size, bias, init_range, forget_bias, input_bias, readout, previous_action
+            core, hidden_size, bias, init_range, forget_bias, input_bias, readout, previous_action, init_std
         )
         self.echo_size = head.echo_size if previous_action else 0
         inputs = observation_size + self.echo_size
@@ -160,6 +166,9 @@ class RecurrentPolicy(nn.Module):
             with torch.no_grad():  # torch's order of gates: input, forget, cell, output
                 bias[:n] += config.input_bias
                 bias[n : 2 * n] += config.forget_bias
+        if config.init_std is not None:
+            with torch.no_grad():  # the deviations are the last outputs, before their sigmoid
+                self.readout.bias[self.head.n_outputs // 2 :] += math.log(config.init_std / (1.0 - config.init_std))
 
     def config(self) -> dict[str, Any]:
         """The settings that ``PolicyConfig`` takes to build a policy of this architecture."""
@@ -199,17 +208,22 @@ class RecurrentPolicy(nn.Module):
         features, after = self._run_core(torch.cat((observations, echoes[:-1]), -1), state)
         return features, torch.cat((after, echoes[-1]), -1)
 
-    def unroll(self, observations: Tensor, actions: Tensor, lengths: NDArray[np.int64]) -> Tensor:
+    def unroll(
+        self, observations: Tensor, actions: Tensor, lengths: NDArray[np.int64], state: Tensor | None = None
+    ) -> Tensor:
         """``remember`` for whole episodes of different lengths, which does not pay for all of the padding.
 
         Args:
             observations: ``(T, B, O)``, one episode a column.
             actions: ``(T, B, action_size)``, those taken.
             lengths: Steps of each episode, ``(B,)``.
+            state: ``(B, state_size)`` before the first step; zeros if None.
 
         Returns:
             Features ``(T, B, H)``; of no meaning beyond an episode's end.
         """
+        if state is not None:
+            return self.remember(observations, state, actions)[0]  # of few pieces, which are not worth sorting
         inputs = (
             torch.cat((observations, self._echoes(observations, actions)[:-1]), -1) if self.echo_size else observations
         )

@@ -35,6 +35,7 @@ class LaneActor:
         weights = compiled.pack(weights)
         self._choose = compiled.mode if greedy else compiled.sample
         self._key = np.uint64(key)
+        self._lanes = lanes
         blocks = -(-lanes // LANES)
         self._population = weights if weights.ndim == 2 else None
         self._weights = weights if self._population is None else np.zeros((blocks, weights.shape[1], LANES))
@@ -64,6 +65,23 @@ class LaneActor:
         self._episode[block, lane] = episodes
         if self._population is not None:
             self._weights[block, :, lane] = self._population[candidates]
+
+    @property
+    def memory(self) -> NDArray[np.float64]:
+        """The recurrent state of every lane, a copy ``(L, state_size)``."""
+        memory: NDArray[np.float64] = self._hidden.swapaxes(1, 2).reshape(len(self._padded), -1)[: self._lanes].copy()
+        return memory
+
+    def resume(self, memory: NDArray[np.float64], time: int) -> None:
+        """Go on in the middle of episodes.
+
+        Args:
+            memory: What ``memory`` was, ``(L, state_size)``.
+            time: Steps of each episode that have been played.
+        """
+        block, lane = np.divmod(np.arange(self._lanes), LANES)
+        self._hidden[block, :, lane] = memory
+        self._time[block, lane] = time
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
         """The actions ``(L, A)`` for observations ``(L, O)``, one step on."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
@@ -39,6 +40,7 @@ class CompiledRollouts:
         observation_space: The environment's own, of a single environment.
         action_space: The environment's own, of a single environment.
         reward_threshold: Mean return that counts as solved, or None if the environment names none.
+        make_env: Makes one more environment of the kind; None if what there is came ready.
     """
 
     kernel: EnvKernel
@@ -48,6 +50,7 @@ class CompiledRollouts:
     observation_space: gym.Space[Any]
     action_space: gym.Space[Any]
     reward_threshold: float | None = None
+    make_env: Callable[[], gym.Env[Any, Any]] | None = None
     _pool: ThreadPoolExecutor | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:

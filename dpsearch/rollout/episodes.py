@@ -72,12 +72,36 @@ class Episodes:
         mask: NDArray[np.bool_] = np.arange(len(self.rewards))[:, None] < self.lengths
         return mask
 
-    def returns_to_go(self, gamma: float) -> NDArray[np.float32]:
-        """R_t, the discounted return from step t on, ``(T, B)``; zero beyond an episode's end (section 2.1)."""
+    @property
+    def seen(self) -> NDArray[np.int64]:
+        """``(B,)``, observations of each episode that there are; of one that is not over, one more than its steps."""
+        return self.lengths
+
+    @property
+    def state(self) -> NDArray[np.float32] | None:
+        """``(B, state_size)``, the recurrent state before the first step; None for zeros."""
+        return None
+
+    def returns_to_go(self, gamma: float, expected: NDArray[np.float32] | float | None = None) -> NDArray[np.float32]:
+        """R_t, the discounted return from step t on, ``(T, B)``; zero beyond an episode's end (section 2.1).
+
+        Args:
+            gamma: Discount factor.
+            expected: What to expect from each step on, ``(T, B)`` or everywhere the same. Only what is not over, and
+                was cut off, needs it.
+        """
         return self.discounted(self.rewards, gamma)
 
-    def discounted(self, values: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
-        """Of values ``(T, B)``, sum_k factor^k values[t + k] to an episode's end, ``(T, B)``; zero beyond it."""
+    def discounted(
+        self, values: NDArray[np.float32], factor: float, lengths: NDArray[np.int64] | None = None
+    ) -> NDArray[np.float32]:
+        """Of values ``(T, B)``, sum_k factor^k values[t + k] to an episode's end, ``(T, B)``; zero beyond it.
+
+        Args:
+            values: To be summed.
+            factor: Their discount.
+            lengths: Of the columns, ``(B,)``, if it is not that of the episodes.
+        """
         sums = np.zeros_like(values)
-        _discount(np.ascontiguousarray(values), self.lengths, factor, sums)
+        _discount(np.ascontiguousarray(values), self.lengths if lengths is None else lengths, factor, sums)
         return sums

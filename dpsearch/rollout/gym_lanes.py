@@ -298,6 +298,13 @@ def env_factory(
     return partial(_make, gym.make, source, **_make_arguments(env_kwargs, max_steps))
 
 
+def single_env(source: EnvSource, env_kwargs: dict[str, Any] | None, max_steps: int | None) -> Factory | None:
+    """What makes one more environment of a kind; None if what there is came ready."""
+    if isinstance(source, gym.Env | gym.vector.VectorEnv):
+        return None
+    return env_factory(source, env_kwargs, max_steps)
+
+
 def _own_vector_class(source: EnvSource, count: int, arguments: dict[str, Any]) -> GymLanes:
     if not isinstance(source, str | EnvSpec):
         raise ValueError("vectorization='vector_entry_point' needs an id or a spec")

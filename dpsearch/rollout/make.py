@@ -9,7 +9,7 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
 from dpsearch.kernels.lanes import EnvKernel
 from dpsearch.rollout.compiled import CompiledRollouts
-from dpsearch.rollout.gym_lanes import Env, EnvSource, VectorEnv, env_factory, reward_threshold, step_limit
+from dpsearch.rollout.gym_lanes import Env, EnvSource, VectorEnv, env_factory, reward_threshold, single_env, step_limit
 from dpsearch.rollout.protocol import Rollouts
 from dpsearch.rollout.vector import VectorRollouts
 
@@ -48,6 +48,8 @@ def make_rollouts(
         probe = env_factory(env, env_kwargs, max_episode_steps)()
         lanes = _compiled(probe, threads, max_episode_steps)
         probe.close()
+    if lanes is not None:
+        lanes.make_env = single_env(env, env_kwargs, max_episode_steps)
     return lanes or VectorRollouts(env, num_envs=num_envs, max_episode_steps=max_episode_steps, env_kwargs=env_kwargs)
 
 

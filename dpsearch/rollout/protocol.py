@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -21,6 +22,7 @@ class Rollouts(Protocol):
         observation_size: Length O of the flat observation a policy sees.
         max_steps: Step cap of an episode.
         reward_threshold: Mean return that counts as solved, or None if the environment names none.
+        make_env: Makes one more environment of the kind; None if what there is came ready.
     """
 
     observation_space: gym.Space[Any]
@@ -28,6 +30,7 @@ class Rollouts(Protocol):
     observation_size: int
     max_steps: int
     reward_threshold: float | None
+    make_env: Callable[[], gym.Env[Any, Any]] | None
 
     def collect(
         self,

@@ -15,7 +15,7 @@ from dpsearch.kernels.philox import episode_seeds
 from dpsearch.policies.recurrent import RecurrentPolicy
 from dpsearch.rollout.actor import LaneActor
 from dpsearch.rollout.episodes import Episodes
-from dpsearch.rollout.gym_lanes import EnvSource, Vectorization, open_lanes
+from dpsearch.rollout.gym_lanes import EnvSource, Vectorization, open_lanes, single_env
 from dpsearch.rollout.protocol import check_fit, check_population
 
 _IDLE = -1
@@ -44,6 +44,7 @@ class VectorRollouts:
         observation_size: Length O of the flat observation a policy sees.
         max_steps: Step cap of an episode.
         reward_threshold: Mean return that counts as solved, or None if the environment names none.
+        make_env: Makes one more environment of the kind; None if what there is came ready.
 
     Raises:
         UnsupportedSpaceError: If a space is of a kind that no policy can handle.
@@ -68,6 +69,7 @@ class VectorRollouts:
         self.action_space = self._lanes.action_space
         self.observation_size = self._lanes.observation_size
         self.reward_threshold = self._lanes.reward_threshold
+        self.make_env = single_env(env, env_kwargs, max_episode_steps)
         limits = [limit for limit in (max_episode_steps, self._lanes.step_limit) if limit is not None]
         if not limits:
             self.close()

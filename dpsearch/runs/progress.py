@@ -7,7 +7,6 @@ import sys
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from dpsearch.algos import Algorithm
@@ -54,7 +53,7 @@ class Progress:
         if not self._bar.disable:
             steps, fraction = self._algorithm.env_steps, self._limits.fraction(self._algorithm)
             self._bar.total = round(steps / fraction) if fraction else None
-            self._bar.set_postfix_str(self._mean_return(), refresh=False)
+            self._bar.set_postfix_str(self._algorithm.headline, refresh=False)
             self._bar.update(steps - self._bar.n)
         elif self._lines and now >= self._next_line:
             self._next_line = now + LINE_SECONDS
@@ -64,9 +63,6 @@ class Progress:
         """Leave the bar as it is."""
         self._bar.close()
 
-    def _mean_return(self) -> str:
-        return f"return {np.mean(self._algorithm.recent_returns):,.6g}"
-
     def _line(self, elapsed: float) -> str:
         algorithm = self._algorithm
         rate = (algorithm.env_steps - self._start_steps) / elapsed
@@ -74,7 +70,7 @@ class Progress:
             f"update {algorithm.updates:,}",
             f"{algorithm.env_steps:,} steps",
             f"{tqdm.format_sizeof(rate)} steps/s",
-            self._mean_return(),
+            algorithm.headline,
         ]
         fraction = self._limits.fraction(algorithm)
         if fraction > self._start_fraction:

@@ -80,7 +80,7 @@ class Run:
             self._progress.close()
             self._metrics.close()
             self._tensorboard.close()
-            self.algorithm.rollouts.close()
+            self.algorithm.close()
         finally:
             self._interruption.__exit__(kind, error, trace)
 
@@ -148,7 +148,8 @@ class Run:
         now = perf_counter()
         self._wall = now - self._start
         recent = algorithm.recent_returns
-        metrics = {**metrics, "recent_return": sum(recent) / len(recent)}
+        if recent:
+            metrics = {**metrics, "recent_return": sum(recent) / len(recent)}
         counts = {
             "update": algorithm.updates,
             "episodes": algorithm.episodes,

@@ -1,5 +1,6 @@
 """The tables and figures of the thesis, and of what goes beyond it, by name."""
 
+from scripts.experiments.driving import EXPERIMENTS as DRIVING
 from scripts.experiments.experiment import Experiment, Illustration
 from scripts.experiments.functions import EXPERIMENTS as FUNCTIONS
 from scripts.experiments.functions_shown import FIG_4_4, TABLE_4_1
@@ -24,6 +25,7 @@ EXPERIMENTS: dict[str, Experiment | Illustration] = {
         *POMDPS,
         *MAZE89,
         MAZE89_VARIANCE,
+        *DRIVING,
         TMAZE_FAST,
         TMAZE_LONG,
     )

@@ -40,6 +40,8 @@ LATER: dict[str, Any] = {
     "natural_step": None,
     "damping": 0.01,
     "restart_episodes": None,
+    "update_steps": None,
+    "init_std": None,
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 
@@ -149,6 +151,7 @@ class GoalCounter:
         self.observation_size = rollouts.observation_size
         self.max_steps = rollouts.max_steps
         self.reward_threshold = rollouts.reward_threshold
+        self.make_env = rollouts.make_env
         self.evaluate = rollouts.evaluate
         self.close = rollouts.close
 

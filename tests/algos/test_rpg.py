@@ -85,6 +85,9 @@ class Fixed(Baseline):
     ) -> tuple[float, None]:
         return self.value, None
 
+    def expected(self, episodes: Episodes, features: Tensor) -> float:
+        return self.value
+
     def state_dict(self) -> dict[str, Any]:
         return {}
 

@@ -25,14 +25,9 @@ class PlainCar:
     car: Car
     off_road: bool = False
 
-    @property
-    def grip(self) -> float:
-        """Of the tyres on what is below them."""
-        return self.car.grip * (self.car.off_road_grip if self.off_road else 1.0)
-
-    def tyre(self, velocity: complex, load: float, stiffness: float, along: float) -> complex:
+    def tyre(self, velocity: complex, load: float, grip: float, stiffness: float, along: float) -> complex:
         """Force on a wheel, in its own frame, which moves with this velocity in that frame."""
-        room = math.sqrt((self.grip * load) ** 2 - along**2)
+        room = math.sqrt((grip * load) ** 2 - along**2)
         slip = abs(velocity.imag) / max(abs(velocity.real), self.car.slip_floor)
         full = 3.0 * room / (stiffness * load)  # the slip from which the whole contact patch slides
         side = room if slip >= full else room * (3 * (slip / full) - 3 * (slip / full) ** 2 + (slip / full) ** 3)
@@ -49,21 +44,26 @@ class PlainCar:
             force = car.mass * car.speed_gain * (target - u) + car.drag * u * abs(u)
             force += car.rolling * weight
         else:
-            force, power = demand * (car.thrust if demand > 0 else car.brakes), car.power * max(demand, 0.0)
+            throttle = max(demand, 0.0)
+            force, power = demand * (car.thrust if demand > 0 else car.brakes), car.power * throttle
+            force -= (1.0 - throttle) * car.coasting
         engine, brake = min(max(force, 0.0), car.thrust, power / max(u, 1.0)), min(max(-force, 0.0), car.brakes)
         fading = min(max(u / car.standstill, -1.0), 1.0)
         front_brake = car.brake_balance * brake
+        rear_brake = fading * (brake - front_brake)
         total, moment = complex(0.0, 0.0), 0.0
-        length = car.front + car.rear
+        length, surface = car.front + car.rear, car.off_road_grip if self.off_road else 1.0
+        middle = math.atan(math.tan(wheels) / (1.0 + 0.5 * car.tread / length * abs(math.tan(wheels))))
         axles = (
-            (car.front, weight * car.rear / length, car.front_stiffness, wheels, -fading * front_brake),
-            (-car.rear, weight * car.front / length, car.rear_stiffness, 0.0, engine - fading * (brake - front_brake)),
+            (car.front, weight * car.rear / length, car.front_grip, car.front_stiffness, middle, -fading * front_brake),
+            (-car.rear, weight * car.front / length, car.rear_grip, car.rear_stiffness, 0.0, engine - rear_brake),
         )
-        for arm, load, stiffness, turned, along in axles:
-            most = car.reserve * self.grip * load
+        for arm, load, best, stiffness, turned, along in axles:
+            grip = surface * best
             wheel = ahead * complex(math.cos(turned), math.sin(turned))
             moving = velocity + 1j * rate * arm * ahead
-            force_on = wheel * self.tyre(moving / wheel, load, stiffness, min(max(along, -most), most))
+            limited = min(max(along, -car.skid * grip * load), car.reserve * grip * load)
+            force_on = wheel * self.tyre(moving / wheel, load, grip, stiffness, limited)
             total += force_on
             moment += arm * (force_on / ahead).imag
         rolling = car.off_road_rolling if self.off_road else car.rolling

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dpsearch.envs import Track
-from dpsearch.envs.driving_drawing import clock, picture
+from dpsearch.envs.driving_drawing import _cards, clock, picture, text
 
 
 def drawn(env: Track) -> NDArray[np.uint8]:
@@ -80,6 +80,17 @@ def test_text_tells_speed_place_and_what_happened() -> None:
     assert said[-1].strip().startswith("Stuck off the road, after")
     road = env.text().splitlines()[0]
     assert road.index("A") < road.index("|")
+
+
+def test_a_zero_has_no_minus_sign() -> None:
+    env = Track(track="oval", speed_profile=36)
+    env.reset(seed=0)
+    view = replace(env.view(), wheels=-1e-9, position=-1e-9, speed=-1e-9, distance=-1e-9, episode_return=-1e-9)
+    sketch = text(view)
+    assert " 0.0 km/h" in sketch
+    assert "position +0.00, wheels +0.0°" in sketch
+    assert "-0" not in sketch
+    assert not any(str(part).startswith("-0") for card in _cards(view) for part in astuple(card))
 
 
 def test_the_end_of_a_drive_and_laps_are_told() -> None:

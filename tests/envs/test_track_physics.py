@@ -37,6 +37,11 @@ def steady(env: Track, steer: float, seconds: float) -> tuple[float, float, floa
     return u, v, r
 
 
+def middle(inner: float) -> float:
+    """Where the one front wheel of the model points, if the inner one of two points there (rad)."""
+    return math.copysign(math.atan(1 / (1 / math.tan(abs(inner)) + 0.5 * CAR.tread / CAR.wheelbase)), inner)
+
+
 @pytest.mark.parametrize("pedals", [False, True])
 @pytest.mark.parametrize("off_road", [False, True])
 def test_a_step_is_close_to_the_exact_motion(pedals: bool, off_road: bool) -> None:
@@ -44,7 +49,7 @@ def test_a_step_is_close_to_the_exact_motion(pedals: bool, off_road: bool) -> No
     env = Track(track="oval", width=30.0, speed_profile=None if pedals else 60)
     plain = PlainCar(CAR, off_road)
     errors = measured(env, plain, pedals)
-    assert (np.max(errors, axis=0) < [5e-4, 5e-4, 5e-4, 0.02, 0.02, 0.02]).all()
+    assert (np.max(errors, axis=0) < [1e-3, 1e-3, 1e-3, 0.04, 0.04, 0.04]).all()
     assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4]).all()
 
 
@@ -52,7 +57,8 @@ def test_a_step_is_close_to_the_exact_motion(pedals: bool, off_road: bool) -> No
 def test_every_number_of_another_car_counts(pedals: bool) -> None:
     random = np.random.default_rng(4)
     numbers = asdict(CAR)
-    other = Car(**{name: value * random.uniform(0.8, 1.2) for name, value in numbers.items() if name != "reserve"})
+    largest = {"reserve": 1.0, "skid": 1.0}  # of the grip, both at most all of it
+    other = Car(**{name: value * random.uniform(0.8, largest.get(name, 1.2)) for name, value in numbers.items()})
     for off_road in (False, True):
         env = Track(track="oval", width=30.0, speed_profile=None if pedals else 60)
         env.task = track_task("oval", 30.0, env.task.rules, 1000, other)
@@ -104,13 +110,14 @@ def test_at_walking_speed_the_car_goes_where_its_wheels_point(steer: float) -> N
     env.reset(seed=0)
     steady(env, steer, 3)
     places: list[Array] = []
-    for _ in range(round(2 * math.pi * CAR.wheelbase / math.tan(abs(steer) * CAR.lock) / (5 / KMH) * 30)):
+    radius = CAR.wheelbase / math.tan(abs(steer) * CAR.lock) + 0.5 * CAR.tread
+    for _ in range(round(2 * math.pi * radius / (5 / KMH) * 30)):
         env.step(np.array([steer]))
         places.append(ground(env)[0][:2])
     path = np.array(places)
     middle = 0.5 * (path.max(axis=0) + path.min(axis=0))
     radii = np.linalg.norm(path - middle, axis=1)
-    expected = math.hypot(CAR.rear, CAR.wheelbase / math.tan(abs(steer) * CAR.lock))
+    expected = math.hypot(CAR.rear, radius)
     np.testing.assert_allclose(radii, expected, rtol=0.03)
 
 
@@ -122,18 +129,18 @@ def test_steady_cornering_is_as_the_closed_form_has_it(speed: float, steer: floa
     before = steady(env, steer, 4)
     u, v, r = steady(env, steer, 1)
     assert (u, v, r) == pytest.approx(before, rel=1e-4)
-    wheels = float(env.kernel_state()[rows.WHEELS])
+    wheels = middle(float(env.kernel_state()[rows.WHEELS]))
     share_f, share_r = CAR.rear / CAR.wheelbase, CAR.front / CAR.wheelbase
     side_f = CAR.mass * u * r * share_f / math.cos(wheels)
     side_r = CAR.mass * u * r * share_r
     along_r = CAR.drag * u * u + CAR.rolling * CAR.mass * GRAVITY + side_f * math.sin(wheels) - CAR.mass * v * r
 
-    def slip(side: float, along: float, load: float, stiffness: float) -> float:
-        room = math.sqrt((CAR.grip * load) ** 2 - along**2)
+    def slip(side: float, along: float, load: float, grip: float, stiffness: float) -> float:
+        room = math.sqrt((grip * load) ** 2 - along**2)
         return math.copysign(3 * room / (stiffness * load) * (1 - (1 - abs(side) / room) ** (1 / 3)), side)
 
-    slip_f = slip(side_f, 0.0, CAR.front_load, CAR.front_stiffness)
-    slip_r = slip(side_r, along_r, CAR.rear_load, CAR.rear_stiffness)
+    slip_f = slip(side_f, 0.0, CAR.front_load, CAR.front_grip, CAR.front_stiffness)
+    slip_r = slip(side_r, along_r, CAR.rear_load, CAR.rear_grip, CAR.rear_stiffness)
     assert (v - CAR.rear * r) / u == pytest.approx(-slip_r, rel=1e-3)
     assert math.atan((v + CAR.front * r) / u) + math.atan(slip_f) == pytest.approx(wheels, rel=1e-4)
 
@@ -145,14 +152,14 @@ def test_the_understeer_gradient_is_that_of_the_linear_tyre() -> None:
     env.reset(seed=0)
     placed(env, OFFSET=40.0)
     u, _, r = steady(env, 0.01, 4)
-    wheels = float(env.kernel_state()[rows.WHEELS])
+    wheels = middle(float(env.kernel_state()[rows.WHEELS]))
     assert (wheels - CAR.wheelbase * r / u) / (u * r) == pytest.approx(gradient, rel=0.1)
 
 
 def test_a_curve_taken_too_fast_slides_at_the_limit_of_grip() -> None:
-    """On a bend of radius 45 m, which allows 95 km/h; a driver who slows down in time stays on the road."""
+    """On a bend of radius 45 m, which allows 107 km/h; a driver who slows down in time stays on the road."""
     road = [["straight", 400], ["turn", 45, 180], ["straight", 400], ["turn", 45, 180]]
-    limit = CAR.grip * GRAVITY
+    limit = CAR.front_grip * GRAVITY  # the front slides first
     left_road, sideways = {}, {}
     for speed in (80, 140):
         env = Track(track=road, speed_profile=speed)
@@ -195,7 +202,7 @@ def test_top_speed_is_where_the_engine_s_power_goes_into_drag() -> None:
         speeds.append(env.step(np.array([0.0, 1.0]))[4]["speed"] / KMH)
     top = np.roots([CAR.drag, 0.0, CAR.rolling * CAR.mass * GRAVITY, -CAR.power])
     assert speeds[-1] == pytest.approx(max(top[np.isreal(top)].real), rel=0.01)
-    traction = min(CAR.thrust, CAR.reserve * CAR.grip * CAR.rear_load) / CAR.mass
+    traction = min(CAR.thrust, CAR.reserve * CAR.rear_grip * CAR.rear_load) / CAR.mass
     assert (speeds[30] - speeds[0]) / 1.0 == pytest.approx(traction, rel=0.05)
 
 
@@ -209,7 +216,9 @@ def test_brakes_stop_the_car_and_do_not_push_it_back() -> None:
     braked = env.kernel_state()[rows.DISTANCE] - start
     assert min(speeds) > -1e-3
     assert speeds[-1] == pytest.approx(0, abs=1e-3)
-    deceleration = CAR.brakes / CAR.mass
+    front = min(CAR.brake_balance * CAR.brakes, CAR.skid * CAR.front_grip * CAR.front_load)
+    rear = min((1.0 - CAR.brake_balance) * CAR.brakes, CAR.skid * CAR.rear_grip * CAR.rear_load)
+    deceleration = (front + rear) / CAR.mass
     assert braked == pytest.approx((100 / KMH) ** 2 / (2 * deceleration), rel=0.05)
 
 
@@ -256,8 +265,9 @@ def test_there_is_less_grip_and_more_resistance_beside_the_road() -> None:
         slowed[offset, steer] = 30.0 - env.kernel_state()[rows.FORWARD]
         turned[offset, steer] = -env.kernel_state()[rows.ANGLE]
     air, road, grass = (CAR.drag * 30**2 / CAR.mass, GRAVITY * CAR.rolling, GRAVITY * CAR.off_road_rolling)
-    assert slowed[0.0, 0.0] == pytest.approx((air + road) / 3, rel=0.03)
-    assert slowed[9.0, 0.0] == pytest.approx((air + grass) / 3, rel=0.03)
+    engine = CAR.coasting / CAR.mass
+    assert slowed[0.0, 0.0] == pytest.approx((air + road + engine) / 3, rel=0.03)
+    assert slowed[9.0, 0.0] == pytest.approx((air + grass + engine) / 3, rel=0.03)
     assert turned[9.0, -0.2] < 0.8 * turned[0.0, -0.2]
 
 

@@ -90,7 +90,7 @@ def test_straights_are_stretched_a_little_to_close_a_road() -> None:
 @pytest.mark.parametrize(
     ("track", "message"),
     [
-        (-1, "track must be a seed of at least 0, one of oval, circuit, or a list of segments .* got -1"),
+        (-1, "track must be a seed of at least 0, one of oval, circuit, g-track-2, or a list of segments .* got -1"),
         (True, "track must be"),
         (1.5, "track must be"),
         ("monza", "one of oval, circuit.* got 'monza'"),

@@ -155,3 +155,21 @@ def test_a_policy_can_be_built_again_from_its_settings() -> None:
     policy = RecurrentPolicy(3, Categorical([4]), core="lstm", hidden_size=7, forget_bias=3.0, seed=5)
     twin = RecurrentPolicy(3, Categorical([4]), seed=5, **policy.config())
     np.testing.assert_array_equal(policy.vector(), twin.vector())
+
+
+@pytest.mark.parametrize("std", [0.1, 0.3])
+def test_a_gaussian_policy_starts_with_the_deviation_asked_for(std: float) -> None:
+    policy = RecurrentPolicy(3, Gaussian(2), init_std=std, init_range=0.001)
+    outputs, _ = policy(torch.zeros(4, 1, 3))
+    torch.testing.assert_close(torch.sigmoid(outputs[..., 2:]), torch.full((4, 1, 2), std), rtol=1e-2, atol=0.0)
+
+
+@pytest.mark.parametrize("std", [0.0, 1.0, -0.1])
+def test_a_deviation_that_cannot_be_is_refused(std: float) -> None:
+    with pytest.raises(ValueError, match="init_std must be in"):
+        RecurrentPolicy(3, Gaussian(1), init_std=std)
+
+
+def test_a_softmax_has_no_deviation_to_start_with() -> None:
+    with pytest.raises(ValueError, match="of a Gaussian policy"):
+        RecurrentPolicy(3, Categorical([2]), init_std=0.3)
