@@ -10,15 +10,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from PIL import Image
 
 from dpsearch.algos import Algorithm
 from dpsearch.envs.torcs.env import TORCS
 from dpsearch.envs.track import Track
 from dpsearch.report.figures import COLOURS, GREY, figure
 from dpsearch.report.statistics import bootstrap_interval
+from dpsearch.runs.playback import Gif
 from scripts.experiments.driving_log import Drive
-from scripts.experiments.experiment import Results
+from scripts.experiments.experiment import Cell, Results
+from scripts.experiments.training import compose
 
+FILM_HZ = 10.0
 Learner = Callable[[tuple[str, ...], int], tuple[Algorithm[Any], "array[float]"]]
 
 
@@ -36,6 +40,7 @@ def draw_drives(learner: Learner, args: Namespace, results: Results, path: Path)
     algorithm.learn(total_steps=54_000)
     algorithm.close()
     drive = Drive(rows)
+    _film(algorithm, cell, path.with_suffix(".gif"))
     line, width = _road(cell.task)
     with figure(path, [1, 1], columns=2, size=(11.0, 7.2)) as panels:
         _while_learning(panels[0, 0], results)
@@ -53,6 +58,25 @@ def draw_drives(learner: Learner, args: Namespace, results: Results, path: Path)
         for edge in (-1.0, 1.0):
             panels[1, 1].axhline(edge, color=GREY, linewidth=1.0)
         panels[1, 0].set_title(f"{cell.task}: the last lap within half an hour")
+
+
+def _film(algorithm: Algorithm[Any], cell: Cell, path: Path) -> None:
+    """The policy's most probable actions, from the 25th minute of the speed profile on: eight seconds."""
+    settings = compose(cell.recipe)  # type: ignore[arg-type]
+    env = settings.config.env.recipe().make("rgb_array")
+    gif = Gif(path, FILM_HZ)
+    observation, _ = env.reset(seed=0, options={"driven_steps": 45_000, "distance": 0.0})
+    memory = None
+    for step in range(240):
+        action, memory = algorithm.predict(observation, memory, deterministic=True)
+        observation, _, terminated, truncated, _ = env.step(action)
+        if step % 3 == 0:
+            frame: Any = env.render()
+            gif.add(np.asarray(Image.fromarray(frame).resize((480, 270), Image.Resampling.LANCZOS)))
+        if terminated or truncated:
+            break
+    gif.close()
+    env.close()
 
 
 def _while_learning(axes: Axes, results: Results) -> None:
