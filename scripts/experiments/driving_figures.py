@@ -65,7 +65,7 @@ def _film(algorithm: Algorithm[Any], cell: Cell, path: Path) -> None:
     settings = compose(cell.recipe)  # type: ignore[arg-type]
     env = settings.config.env.recipe().make("rgb_array")
     gif = Gif(path, FILM_HZ)
-    observation, _ = env.reset(seed=0, options={"driven_steps": 45_000, "distance": 0.0})
+    observation, _ = env.reset(seed=0, options={"driven_steps": 45_000, "distance": 200.0})
     memory = None
     for step in range(240):
         action, memory = algorithm.predict(observation, memory, deterministic=True)
@@ -92,7 +92,8 @@ def _while_learning(axes: Axes, results: Results) -> None:
             axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0.0)
     axes.set(xlabel="minutes of driving", ylabel="off the road, s a minute")
     axes.set_title("While learning")
-    axes.legend(fontsize=7)
+    axes.set_ylim(0.0, 90.0)  # room for the legend
+    axes.legend(fontsize=7, loc="upper left")
 
 
 def _from_above(axes: Axes, drive: Drive, line: np.ndarray[Any, Any], width: float) -> None:
