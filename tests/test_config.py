@@ -76,7 +76,7 @@ def test_the_track_is_described_by_its_arguments() -> None:
     kwargs = config.env.recipe().kwargs
     assert Track(**kwargs).task.rules == env.task.rules
     np.testing.assert_array_equal(Track(**kwargs).task.kernel.floats, env.task.kernel.floats)
-    assert config.algo.gamma == 0.97
+    assert config.env.gamma == 0.99
     for given, expected in (("[30,60,100]", [30, 60, 100]), ("55", 55), ("null", None)):
         assert composed("env=track", f"env.speed_profile={given}").env.recipe().kwargs["speed_profile"] == expected
     segments = composed("env=track", "env.track=[[straight,500],[turn,120,180],[straight,500],[turn,120,180]]")

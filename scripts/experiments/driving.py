@@ -117,7 +117,7 @@ def _sections(args: Namespace, rows: list[Row]) -> list[Section]:
     theirs = [row(metric, value, "reported: thesis", "TORCS of 2007") for metric, value in REPORTED.items()]
     if "torcs" in args.simulators:
         theirs.append(row(LAP, best_lap(), "TORCS' own driver, with pedals", TASKS["torcs"]))
-    return [Section("Ten drives each", [r for r in rows if r.metric in WORDS] + theirs)]
+    return [Section("Drives", [r for r in rows if r.metric in WORDS] + theirs)]
 
 
 EXPERIMENTS = (

@@ -10,15 +10,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from PIL import Image
 
 from dpsearch.algos import Algorithm
 from dpsearch.envs.torcs.env import TORCS
 from dpsearch.envs.track import Track
 from dpsearch.report.figures import COLOURS, GREY, figure
 from dpsearch.report.statistics import bootstrap_interval
+from dpsearch.runs.playback import Gif
 from scripts.experiments.driving_log import Drive
-from scripts.experiments.experiment import Results
+from scripts.experiments.experiment import Cell, Results
+from scripts.experiments.training import compose
 
+FILM_HZ = 10.0
 Learner = Callable[[tuple[str, ...], int], tuple[Algorithm[Any], "array[float]"]]
 
 
@@ -36,6 +40,7 @@ def draw_drives(learner: Learner, args: Namespace, results: Results, path: Path)
     algorithm.learn(total_steps=54_000)
     algorithm.close()
     drive = Drive(rows)
+    _film(algorithm, cell, path.with_suffix(".gif"))
     line, width = _road(cell.task)
     with figure(path, [1, 1], columns=2, size=(11.0, 7.2)) as panels:
         _while_learning(panels[0, 0], results)
@@ -55,6 +60,25 @@ def draw_drives(learner: Learner, args: Namespace, results: Results, path: Path)
         panels[1, 0].set_title(f"{cell.task}: the last lap within half an hour")
 
 
+def _film(algorithm: Algorithm[Any], cell: Cell, path: Path) -> None:
+    """The policy's most probable actions, from the 25th minute of the speed profile on: eight seconds."""
+    settings = compose(cell.recipe)  # type: ignore[arg-type]
+    env = settings.config.env.recipe().make("rgb_array")
+    gif = Gif(path, FILM_HZ)
+    observation, _ = env.reset(seed=0, options={"driven_steps": 45_000, "distance": 200.0})
+    memory = None
+    for step in range(240):
+        action, memory = algorithm.predict(observation, memory, deterministic=True)
+        observation, _, terminated, truncated, _ = env.step(action)
+        if step % 3 == 0:
+            frame: Any = env.render()
+            gif.add(np.asarray(Image.fromarray(frame).resize((480, 270), Image.Resampling.LANCZOS)))
+        if terminated or truncated:
+            break
+    gif.close()
+    env.close()
+
+
 def _while_learning(axes: Axes, results: Results) -> None:
     for number, (cell, outcomes) in enumerate(zip(results.cells, results.outcomes, strict=True)):
         minutes = [outcome["off_seconds"][:30] for outcome in outcomes]
@@ -68,7 +92,8 @@ def _while_learning(axes: Axes, results: Results) -> None:
             axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0.0)
     axes.set(xlabel="minutes of driving", ylabel="off the road, s a minute")
     axes.set_title("While learning")
-    axes.legend(fontsize=7)
+    axes.set_ylim(0.0, 90.0)  # room for the legend
+    axes.legend(fontsize=7, loc="upper left")
 
 
 def _from_above(axes: Axes, drive: Drive, line: np.ndarray[Any, Any], width: float) -> None:
