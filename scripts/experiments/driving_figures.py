@@ -62,7 +62,7 @@ def draw_drives(learner: Learner, args: Namespace, results: Results, path: Path)
 
 def _film(algorithm: Algorithm[Any], cell: Cell, path: Path) -> None:
     """The policy's most probable actions, from the 25th minute of the speed profile on: eight seconds."""
-    settings = compose(cell.recipe)  # type: ignore[arg-type]
+    settings = compose(cell.recipe)
     env = settings.config.env.recipe().make("rgb_array")
     gif = Gif(path, FILM_HZ)
     observation, _ = env.reset(seed=0, options={"driven_steps": 45_000, "distance": 200.0})
