@@ -64,7 +64,7 @@ def test_every_number_of_another_car_counts(pedals: bool) -> None:
         env.task = track_task("oval", 30.0, env.task.rules, 1000, other)
         env._stepper = LaneStepper(env.task.kernel, 1)
         errors = measured(env, PlainCar(other, off_road), pedals)
-        assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4]).all()
+        assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 2e-4, 2e-4, 2e-4]).all()  # stiffer tyres than ours
 
 
 def measured(env: Track, plain: PlainCar, pedals: bool) -> list[Array]:
