@@ -149,7 +149,10 @@ def _algorithm(
 ) -> Algorithm[Any]:
     """The algorithm as the checkpoint has it, or a new one."""
     if resumed is not None and resumed.has_begun:
-        return kind.load(resumed.checkpoint, env=rollouts)
+        try:
+            return kind.load(resumed.checkpoint, env=rollouts)
+        except OSError as error:  # a simulator does not start, or ends while the episode is played up to where it was
+            raise RunError(str(error)) from error
     try:
         return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed)
     except (UnsupportedSpaceError, ValueError, TypeError) as error:

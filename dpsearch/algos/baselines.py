@@ -19,7 +19,7 @@ from dpsearch.rollout import Episodes
 
 
 class Baseline(ABC):
-    """Says what return to expect, from what the policy remembers."""
+    """Says what return to expect, from what was seen and done so far."""
 
     @abstractmethod
     def __call__(

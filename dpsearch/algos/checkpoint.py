@@ -13,7 +13,7 @@ import torch
 
 from dpsearch import __version__
 
-FORMAT = 1
+FORMAT = 2
 
 
 class CheckpointError(RuntimeError):

@@ -16,6 +16,8 @@ from dpsearch.policies import Head
 from dpsearch.policies.buckets import run_in_buckets
 from dpsearch.rollout import Episodes, Pieces
 
+ALIKE = 1e-6  # returns whose deviation is this part of their distance from the running mean are all the same
+
 
 class HistoryBaseline(Baseline):
     """b(h_t) is what a second LSTM expects, which sees the same history as the policy (section 3.3.2).
@@ -94,8 +96,11 @@ class HistoryBaseline(Baseline):
 
     def _remember_scale(self, returns: NDArray[np.float32]) -> None:
         memory = 0.9 if self._deviation > 0.0 else 0.0
+        spread, distance = float(returns.std()), abs(float(returns.mean()) - self._mean)
+        if spread < ALIKE * distance:  # as in a batch of one episode that is rewarded in the end only
+            spread = distance
         self._mean = memory * self._mean + (1.0 - memory) * float(returns.mean())
-        self._deviation = max(memory * self._deviation + (1.0 - memory) * float(returns.std()), 1e-8)
+        self._deviation = max(memory * self._deviation + (1.0 - memory) * spread, 1e-8)
 
     def _inputs(self, episodes: Episodes) -> Tensor:
         """Observations and previous actions, ``(T, N, O + echo)``."""
@@ -156,4 +161,4 @@ class HistoryBaseline(Baseline):
         self._net.load_state_dict(state["net"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._mean, self._deviation = state["returns"]
-        self._carried = state.get("carried", torch.zeros(0))
+        self._carried = state["carried"]

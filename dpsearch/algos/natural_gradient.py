@@ -22,7 +22,7 @@ from dpsearch.policies import RecurrentPolicy
 
 ITERATIONS = 10  # of conjugate gradients: more changes little
 TOLERANCE = 1e-3  # of the squared residual, relative to the gradient's
-SHORTENINGS, SLACK = 5, 1.2  # how often, and to what part of the divergence asked for
+SHORTENINGS, SLACK = 5, 1.2  # at most so many; a step may exceed the divergence asked for by this factor
 PROBE = 1e-3  # length of the step in parameters whose effect on the outputs is measured
 
 

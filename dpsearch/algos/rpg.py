@@ -5,8 +5,9 @@ than the baseline the return from that step on was, are backpropagated through t
 
     grad J  ~  1/N  sum_n sum_t  grad log pi(a_t | h_t) (R_t - b)                                (section 3.3.2)
 
-The one thing to understand: only the outputs are stochastic, so autograd through one fused ``nn.LSTM`` call over the
-whole batch gives the exact gradient of that sum, memory included.
+The one thing to understand: only the outputs are stochastic, so autograd through a fused ``nn.LSTM`` call over the
+whole batch, or a few for episodes of unlike length, gives the exact gradient of that sum, memory included. With
+``update_steps`` it is cut off where an update is; with ``natural_step`` it is turned before the step.
 """
 
 from __future__ import annotations
@@ -138,9 +139,9 @@ class RPGConfig:
                 "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
                 "entropy_halflife": (_positive(self.entropy_halflife), "positive or null"),
                 "natural_step": (
-                    _positive(self.natural_step)
-                    and (self.natural_step is None or (self.gradient_length is None and self.baseline != "shared")),
-                    "positive or null, and null with a gradient_length or a shared baseline",
+                    self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
+                    "positive or null; with it, gradient_length must be null, optimizer SGD, baseline not shared and "
+                    "variance_scaled false",
                 ),
                 "restart_episodes": (
                     self.restart_episodes is None or (self.restart_episodes >= 1 and self.update_steps is None),
@@ -154,6 +155,12 @@ class RPGConfig:
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
         )
+
+    @property
+    def _leaves_the_step_alone(self) -> bool:
+        """Whether nothing else turns the gradient or changes its length."""
+        unscaled = self.gradient_length is None and not self.variance_scaled
+        return unscaled and self.optimizer == "SGD" and self.baseline != "shared"
 
 
 def _positive(value: float | None) -> bool:
@@ -196,16 +203,19 @@ class RPG(Algorithm[RPGConfig]):
             return SharedBaseline(policy.hidden_size, config.baseline_weight)
         if config.baseline == "quadratic":
             return QuadraticBaseline(policy.observation_size)
-        return HistoryBaseline(
-            policy.observation_size,
-            policy.head,
-            hidden_size=config.baseline_cells,
-            optimizer=config.baseline_optimizer,
-            learning_rate=config.baseline_learning_rate,
-            optimizer_options=config.baseline_optimizer_options,
-            steps=config.baseline_steps,
-            seed=self._weights_seed(BASELINE),
-        )
+        try:
+            return HistoryBaseline(
+                policy.observation_size,
+                policy.head,
+                hidden_size=config.baseline_cells,
+                optimizer=config.baseline_optimizer,
+                learning_rate=config.baseline_learning_rate,
+                optimizer_options=config.baseline_optimizer_options,
+                steps=config.baseline_steps,
+                seed=self._weights_seed(BASELINE),
+            )
+        except ValueError as error:
+            raise ValueError(f"baseline_{error}") from error
 
     def _weights_seed(self, purpose: int) -> int:
         """Of the weights of this start, other ones for each; 63 bits, as torch takes."""
@@ -213,11 +223,12 @@ class RPG(Algorithm[RPGConfig]):
         return (key if self.starts == 1 else stream_key(key, self.starts)) >> 1
 
     def update(self) -> Metrics:
-        """Play a batch, ascend its gradient (section 3.3.3), and say how it went."""
+        """Play a batch, or the next steps of the stream, ascend the gradient (section 3.3.3), and say how it went."""
         start = perf_counter()
         limit = self.config.restart_episodes
-        if limit is not None and self.episodes - self._first_episode >= limit:
+        if limit is not None and self.episodes - self._first_episode >= limit and not self.solved:
             self._begin()
+            self.recent_returns.clear()
             self.policy.initialise(self._weights_seed(WEIGHTS))
         episodes = self.play_batch(self.batch_size) if self.stream is None else self._play_on(self.stream)
         sampled = perf_counter()
@@ -263,7 +274,7 @@ class RPG(Algorithm[RPGConfig]):
         return pieces
 
     def backpropagate(self, episodes: Episodes) -> Metrics:
-        """Add minus section 3.3.2's gradient to the parameters' ``grad``.
+        """Add minus section 3.3.2's gradient to the parameters' ``grad``, or set it to minus the natural step.
 
         Returns:
             The mean ``entropy`` in nats, and the ``explained_variance``: what part of the variance of the returns R_t

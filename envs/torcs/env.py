@@ -145,7 +145,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
             distance = self.np_random.uniform(0.0, simulator.length) if self.rules.start == "random" else 0.0
         state = simulator.put(distance, self.rules.target_speed(driven) / KMH)
         self._referee = Referee(self.rules, simulator.length)
-        self._referee.reset(driven, min(state.along, simulator.length))
+        self._referee.reset(driven, _on_the_lap(state, simulator))
         self._elapsed, self._return, self._stuck = 0, 0.0, False
         self._trace.clear()
         self._follow(state)
@@ -170,7 +170,8 @@ class TORCS(gym.Env[NDArray[Any], Any]):
                 state = simulator.press(numbers[0], numbers[1])
         except TorcsError as error:
             raise TorcsError(f"{error}; a reset starts it anew") from error
-        reward, self._stuck = referee.step(state.speed * KMH, 2.0 * state.to_middle / state.width, state.along)
+        position = 2.0 * state.to_middle / state.width
+        reward, self._stuck = referee.step(state.speed * KMH, position, _on_the_lap(state, simulator))
         self._elapsed += 1
         self._return += reward
         self._follow(state)
@@ -291,3 +292,8 @@ class TORCS(gym.Env[NDArray[Any], Any]):
             self.simulator.close()
         if self._window is not None:
             self._window.close()
+
+
+def _on_the_lap(state: State, simulator: Simulator) -> float:
+    """Where on the middle line the car is (m), which rounding may put beyond the line's ends."""
+    return float(min(max(state.along, 0.0), simulator.length))

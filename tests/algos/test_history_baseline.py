@@ -3,8 +3,10 @@ from __future__ import annotations
 from copy import deepcopy
 
 import numpy as np
+import pytest
 import torch
 
+from dpsearch.algos import RPG
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes, make_rollouts
@@ -65,3 +67,20 @@ def test_state_goes_on_bit_for_bit() -> None:
     for each in (whole, copy):
         each(played, torch.empty(0), returns, mask)
     np.testing.assert_array_equal(whole.expected(played), copy.expected(played))
+
+
+def test_batches_of_one_return_have_a_scale() -> None:
+    """As where a batch is one episode that is rewarded at its end only, without discount."""
+    played, trained = episodes(1), baseline(steps=20)
+    mask = played.mask
+    for k in range(60):
+        returns = np.where(mask, np.float32(1.0 if k % 2 else -1.0), np.float32(0.0))
+        trained(played, torch.empty(0), returns, mask)
+    expected = trained.expected(played)[mask]
+    assert (np.abs(expected) < 1.5).all()
+    assert 0.1 < trained.state_dict()["returns"][1] < 10.0
+
+
+def test_options_that_do_not_fit_the_optimiser_are_named() -> None:
+    with pytest.raises(ValueError, match="baseline_optimizer_options do not fit Adam"):
+        RPG("dpsearch/TMaze-v0", baseline="history", baseline_optimizer_options={"momentum": 0.9})

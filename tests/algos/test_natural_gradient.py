@@ -91,7 +91,9 @@ def test_the_size_of_rewards_does_not_matter() -> None:
     np.testing.assert_allclose(found[0], found[1], rtol=1e-3, atol=1e-6)
 
 
-@pytest.mark.parametrize("refused", [{"gradient_length": 0.3}, {"baseline": "shared"}, {"natural_step": 0.0}])
+@pytest.mark.parametrize(
+    "refused", [{"gradient_length": 0.3}, {"baseline": "shared"}, {"natural_step": 0.0}, {"optimizer": "Adam"}]
+)
 def test_it_does_not_go_with_what_would_undo_it(refused: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="natural_step must be positive or null"):
         natural_rpg("dpsearch/TMaze-v0", **{"natural_step": 0.01, **refused})

@@ -300,7 +300,7 @@ FADING: dict[str, Any] = {"entropy_bonus": 0.1, "entropy_halflife": 5.0, "learni
         {"normalise_advantages": True, "trace": 0.9, **FADING},
         {"baseline": "history"},
         {"baseline": "history", "restart_episodes": 100},
-        {"baseline": "history", "natural_step": 0.01, "gradient_length": None},
+        {"baseline": "history", "natural_step": 0.01, "optimizer": "SGD", "gradient_length": None},
     ],
 )
 def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
