@@ -161,3 +161,7 @@ class Illustration:
     add_options: Callable[[ArgumentParser], object]
     make: Callable[[Namespace, str], Document]
     seed: int = 0
+
+
+def no_options(parser: ArgumentParser) -> None:
+    """Of what leaves nothing to choose."""

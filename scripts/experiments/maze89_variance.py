@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from dpsearch.kernels.philox import stream_key
 from dpsearch.report.figures import COLOURS, figure
 from dpsearch.report.tables import Row, Section
 from dpsearch.rollout import Episodes
-from scripts.experiments.experiment import Cell, Experiment, Method, Results
+from scripts.experiments.experiment import Cell, Experiment, Method, Results, no_options
 from scripts.experiments.jobs import Outcome
 from scripts.experiments.training import compose
 
@@ -74,10 +74,6 @@ def _gradient(algorithm: RPG, batch: Episodes, weights: NDArray[np.float32]) -> 
     return np.concatenate([part.numpy().ravel() for part in parts])
 
 
-def _no_options(parser: ArgumentParser) -> None:
-    pass
-
-
 def _cells(args: Namespace) -> list[Cell]:
     cells = []
     for stage in STAGES:
@@ -120,7 +116,7 @@ MAZE89_VARIANCE = Experiment(
     metrics=tuple(WORDS),
     words=WORDS,
     run=measure,
-    add_options=_no_options,
+    add_options=no_options,
     cells=_cells,
     sections=_sections,
     draw=_draw,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from dpsearch.envs.maze89 import Maze89
 from dpsearch.envs.tabular import TabularPOMDP
 from dpsearch.report.document import Document
 from dpsearch.report.provenance import machine
-from scripts.experiments.experiment import Illustration
+from scripts.experiments.experiment import Illustration, no_options
 from scripts.experiments.pomdp_tasks import TASKS
 
 SHOWN = ("shuttle", "cheese", "tiger", "tiger_single", "maze4x3", "tmaze7")
@@ -91,8 +91,4 @@ def _word(value: float | bool) -> str:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
-def _no_options(parser: ArgumentParser) -> None:
-    """There is nothing to choose."""
-
-
-TABLE_7_1 = Illustration("table_7_1", "Table 7.1: the finite POMDPs", _no_options, table_7_1)
+TABLE_7_1 = Illustration("table_7_1", "Table 7.1: the finite POMDPs", no_options, table_7_1)
