@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from dpsearch.policies import Head
 from dpsearch.policies.buckets import run_in_buckets
 from dpsearch.rollout import Episodes, Pieces
 
-ALIKE = 1e-6  # returns whose deviation is this part of their distance from the running mean are all the same
+SCALE_MEMORY = 0.9  # of the returns' mean and mean square, from batch to batch
+LEAST = 1e-6  # times the mean: a deviation below is rounding
 
 
 class HistoryBaseline(Baseline):
@@ -61,7 +63,7 @@ class HistoryBaseline(Baseline):
             nn.init.uniform_(parameter, -0.1, 0.1, generator=generator)
         self._net = nn.ModuleList([self._core, self._readout])
         self._optimizer = make_optimizer(optimizer, self._net.parameters(), learning_rate, optimizer_options or {})
-        self._mean, self._deviation = 0.0, 0.0  # of the returns; a deviation of 0 says that none were seen
+        self._mean, self._square, self._deviation = 0.0, 0.0, 0.0  # of the returns; a deviation of 0: none were seen
         self._carried = torch.zeros(0)  # h, c and the previous action at the end of the last piece of a stream
 
     @override
@@ -95,12 +97,12 @@ class HistoryBaseline(Baseline):
         return np.float32(self._mean) + np.float32(self._deviation) * expected
 
     def _remember_scale(self, returns: NDArray[np.float32]) -> None:
-        memory = 0.9 if self._deviation > 0.0 else 0.0
-        spread, distance = float(returns.std()), abs(float(returns.mean()) - self._mean)
-        if spread < ALIKE * distance:  # as in a batch of one episode that is rewarded in the end only
-            spread = distance
-        self._mean = memory * self._mean + (1.0 - memory) * float(returns.mean())
-        self._deviation = max(memory * self._deviation + (1.0 - memory) * spread, 1e-8)
+        memory = SCALE_MEMORY if self._deviation > 0.0 else 0.0
+        received = returns.astype(np.float64)
+        self._mean = memory * self._mean + (1.0 - memory) * float(received.mean())
+        self._square = memory * self._square + (1.0 - memory) * float(np.square(received).mean())
+        variance = max(self._square - self._mean**2, 0.0)  # within batches, and between them
+        self._deviation = max(math.sqrt(variance), LEAST * abs(self._mean), 1e-8)
 
     def _inputs(self, episodes: Episodes) -> Tensor:
         """Observations and previous actions, ``(T, N, O + echo)``."""
@@ -151,7 +153,7 @@ class HistoryBaseline(Baseline):
         return {
             "net": self._net.state_dict(),
             "optimizer": self._optimizer.state_dict(),
-            "returns": [self._mean, self._deviation],
+            "returns": [self._mean, self._square, self._deviation],
             "carried": self._carried,
         }
 
@@ -160,5 +162,5 @@ class HistoryBaseline(Baseline):
         """Go on where ``state_dict`` was taken."""
         self._net.load_state_dict(state["net"])
         self._optimizer.load_state_dict(state["optimizer"])
-        self._mean, self._deviation = state["returns"]
+        self._mean, self._square, self._deviation = state["returns"]
         self._carried = state["carried"]
