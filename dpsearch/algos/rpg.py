@@ -286,7 +286,7 @@ class RPG(Algorithm[RPGConfig]):
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)
         features = self.policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
-        outputs = self.policy.readout(features)  # (T, N, K)
+        outputs = self.policy.distribution(features, actions, state)  # (T, N, K)
         foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns, mask)
@@ -330,7 +330,9 @@ class RPG(Algorithm[RPGConfig]):
             self.policy,
             [-part for part in gradient],
             outputs,
-            lambda policy: policy.readout(policy.unroll(observations, actions, episodes.seen, state)),
+            lambda policy: policy.distribution(
+                policy.unroll(observations, actions, episodes.seen, state), actions, state
+            ),
             episodes.mask,
             self.config.damping,
             divergence,

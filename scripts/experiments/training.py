@@ -42,6 +42,7 @@ LATER: dict[str, Any] = {
     "restart_episodes": None,
     "update_steps": None,
     "init_std": None,
+    "noise_memory": 0.0,
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 
