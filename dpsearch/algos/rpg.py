@@ -34,6 +34,7 @@ from dpsearch.kernels.philox import stream_key
 from dpsearch.rollout import Episodes, Pieces, Stream
 
 BASELINES = ("constant", "shared", "history", "quadratic")
+TINY = torch.finfo(torch.float32).tiny
 SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
 
 
@@ -302,7 +303,7 @@ class RPG(Algorithm[RPGConfig]):
             strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -count
             bonus = torch.from_numpy(mask * np.float32(strength))
         seen = outputs.detach()
-        if not mask.all():  # what the policy would do on padding must not matter
+        if episodes.steps < mask.size:  # what the policy would do on padding must not matter
             seen = torch.where(torch.from_numpy(mask)[..., None], seen, 0.0)
         eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
         eligibilities, entropy = eligible(seen, actions, torch.from_numpy(weights), bonus)
@@ -315,11 +316,8 @@ class RPG(Algorithm[RPGConfig]):
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:
             torch.autograd.backward((outputs, loss / count), (eligibilities, None))
-        spread = float(returns[mask].var())
-        return {
-            "entropy": float((entropy.numpy() * mask).sum()) / episodes.steps,
-            "explained_variance": 1.0 - float(surprises[mask].var()) / spread if spread > 0.0 else 0.0,
-        }
+        (entropy_mean, _), (_, spread), (_, left) = map(episodes.moments, (entropy.numpy(), returns, surprises))
+        return {"entropy": entropy_mean, "explained_variance": 1.0 - left / spread if spread > 0.0 else 0.0}
 
     def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float) -> None:
         """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
@@ -366,7 +364,7 @@ class RPG(Algorithm[RPGConfig]):
             raise FloatingPointError(
                 f"the gradient of update {self.updates} is not finite: the steps or the rewards are too large"
             )
-        if self.config.gradient_length is not None and length > torch.finfo(torch.float32).tiny:
+        if self.config.gradient_length is not None and length > TINY:
             torch._foreach_mul_(gradients, self.config.gradient_length / length)
         return length
 

@@ -23,7 +23,7 @@ from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
 _FORWARD = [FORWARD_SHARED, FORWARD_LANES]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompiledPolicy:
     """A policy's compiled functions and the sizes they work with.
 
@@ -60,8 +60,10 @@ class CompiledPolicy:
 
     def pack(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weights ``(.., P)`` of ``RecurrentPolicy.vector()``'s layout, in the order that ``forward`` reads them."""
-        constants = np.broadcast_to([0.0, 1.0, self.noise_memory], (*weights.shape[:-1], 3))
-        return np.ascontiguousarray(np.concatenate([weights, constants], axis=-1)[..., self.order])
+        p = weights.shape[-1]
+        extended = np.empty((*weights.shape[:-1], p + 3))
+        extended[..., :p], extended[..., p:] = weights, (0.0, 1.0, self.noise_memory)
+        return extended.take(self.order, axis=-1)
 
 
 @njit(inline="always")

@@ -142,6 +142,7 @@ class RecurrentPolicy(nn.Module):
                 fixed.requires_grad_(False)
                 nn.init.zeros_(fixed)
             nn.init.eye_(self.readout.weight)
+        self._free = [p for p in self.parameters() if p.requires_grad]  # found once: they are asked for at every update
         self.initialise(seed)
 
     @classmethod
@@ -194,7 +195,7 @@ class RecurrentPolicy(nn.Module):
 
     def free_parameters(self) -> list[nn.Parameter]:
         """The parameters that learn, in the order of ``vector()``."""
-        return [p for p in self.parameters() if p.requires_grad]
+        return list(self._free)
 
     @property
     def state_size(self) -> int:
@@ -256,7 +257,7 @@ class RecurrentPolicy(nn.Module):
         inputs = (
             torch.cat((observations, self._echoes(observations, actions)[:-1]), -1) if self.echo_size else observations
         )
-        return run_in_buckets(lambda part: self._run_core(part, None)[0], inputs, lengths)
+        return run_in_buckets(self._features, inputs, lengths)
 
     def _echoes(self, observations: Tensor, actions: Tensor | None) -> Tensor:
         """The action before each step and after the last one, ``(T + 1, B, echo_size)``, zero before the first."""
@@ -267,6 +268,11 @@ class RecurrentPolicy(nn.Module):
         elif steps > 1:
             raise ValueError("a policy that sees its previous action needs the actions of an episode")
         return echoes
+
+    def _features(self, inputs: Tensor) -> Tensor:
+        """What the core makes of whole episodes ``(T, B, I)``: ``(T, B, H)``."""
+        features: Tensor = torch.tanh(self.core(inputs)) if self.core_type == "none" else self.core(inputs)[0]
+        return features
 
     def _run_core(self, inputs: Tensor, state: Tensor | None) -> tuple[Tensor, Tensor]:
         n = self.hidden_size
@@ -338,7 +344,7 @@ class RecurrentPolicy(nn.Module):
 
     def vector(self) -> NDArray[np.float64]:
         """The free parameters as one flat copy ``(P,)``."""
-        parts = [p.detach().numpy() for p in self.free_parameters()]
+        parts = [p.numpy(force=True) for p in self._free]
         return np.concatenate(parts, axis=None, dtype=np.float64)
 
     def load_vector(self, vector: NDArray[np.floating]) -> None:
