@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
+from dpsearch.algos.advantages import generalised_advantages
 from dpsearch.algos.base import BASELINE, WEIGHTS, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
@@ -35,7 +36,6 @@ from dpsearch.rollout import Episodes, Pieces, Stream
 
 BASELINES = ("constant", "shared", "history", "quadratic")
 TINY = torch.finfo(torch.float32).tiny
-SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
 
 
 @dataclass
@@ -75,6 +75,8 @@ class RPGConfig:
         normalise_advantages: Divide advantages by their root mean square over recent batches, so that learning rate and
             ``entropy_bonus`` mean the same on every task. A batch is not scaled by itself alone: that would make rare
             disasters count for little.
+        advantage_memory: Of that running mean, from batch to batch; 1 for the mean over all batches, so that a policy
+            that has learned to avoid disasters is not unsettled by trifles that come to look large beside one another.
         entropy_bonus: Weight of the policy's entropy, summed over an episode's steps, beside its return: keeps a policy
             from settling before it has tried enough.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
@@ -110,6 +112,7 @@ class RPGConfig:
     batch_steps: int | None = None
     trace: float = 1.0
     normalise_advantages: bool = False
+    advantage_memory: float = 0.98
     entropy_bonus: float = 0.0
     entropy_halflife: float | None = None
     natural_step: float | None = None
@@ -128,6 +131,7 @@ class RPGConfig:
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
                 "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
                 "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
+                "advantage_memory": (0.0 < self.advantage_memory <= 1.0, "in (0, 1]"),
                 "gradient_length": (_positive(self.gradient_length), "positive or null"),
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
@@ -151,7 +155,7 @@ class RPGConfig:
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
                 "update_steps": (
                     self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
-                    "at least 1, and without batch_steps, or null",
+                    "at least 1 or null; batch_steps, which is for batches of whole episodes, must be null beside it",
                 ),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
@@ -292,7 +296,7 @@ class RPG(Algorithm[RPGConfig]):
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns, mask)
         surprises = (returns - baseline) * mask
-        advantages = self._advantages(episodes, surprises)  # (T, N)
+        advantages = generalised_advantages(episodes, surprises, config.gamma, config.trace)  # (T, N)
         if config.normalise_advantages:
             scale = self._running_scale(advantages[mask])
             advantages = advantages / scale
@@ -338,19 +342,13 @@ class RPG(Algorithm[RPGConfig]):
         for parameter, step in zip(self.parameters, steps, strict=True):
             parameter.grad = -step  # optimisers descend
 
-    def _advantages(self, episodes: Episodes, surprises: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Generalised advantage estimates from R_t - b ``(T, N)``, which they are for a trace of 1."""
-        gamma, trace = self.config.gamma, self.config.trace
-        if trace == 1.0:
-            return surprises
-        errors = surprises.copy()
-        errors[:-1] -= gamma * surprises[1:]  # r_t + gamma b(h_t+1) - b(h_t)
-        return episodes.discounted(errors, gamma * trace)
-
     def _running_scale(self, advantages: NDArray[np.float32]) -> float:
         """Root mean square of the advantages ``(M,)`` of this batch and, less and less, those before."""
-        self._mean_square += (1.0 - SCALE_MEMORY) * (float(np.square(advantages).mean()) - self._mean_square)
-        return max(math.sqrt(self._mean_square / (1.0 - SCALE_MEMORY ** (self.updates - self._first_update + 1))), 1e-8)
+        memory, batches = self.config.advantage_memory, self.updates - self._first_update + 1
+        share = 1.0 / batches if memory == 1.0 else 1.0 - memory
+        self._mean_square += share * (float(np.square(advantages).mean()) - self._mean_square)
+        counted = 1.0 if memory == 1.0 else 1.0 - memory**batches  # it begins with 0
+        return max(math.sqrt(self._mean_square / counted), 1e-8)
 
     def _halved(self, halflife: float | None) -> float:
         """What is left of something at this update."""

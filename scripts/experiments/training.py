@@ -43,6 +43,8 @@ LATER: dict[str, Any] = {
     "update_steps": None,
     "init_std": None,
     "noise_memory": 0.0,
+    "advantage_memory": 0.98,
+    "reward": "speed",
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 
