@@ -67,9 +67,10 @@ class LRWRConfig:
         held_out: Part of a batch that is not trained on but says when to stop, in [0, 1); 0 trains ``max_epochs``.
         patience: Epochs without improvement on the held-out episodes after which training ends.
         max_epochs: Most epochs in one EM step. An epoch is one step along the gradient of the whole batch. In the end
-            the weights that were best on the held-out episodes are put back.
-        optimizer: Name of a class in ``torch.optim``.
-        keep_optimizer: Keep what it remembers from one EM step to the next; else it begins anew in each.
+            the weights that were best on the held-out episodes are put back, but no earlier ones than after one step:
+            what a few episodes say about that is mostly chance, and many batches would teach nothing.
+        optimizer: Name of a class in ``torch.optim``. What it remembers, such as its momentum, is kept from one EM step
+            to the next, so that what batches agree on adds up.
         learning_rate: Its step size, for the loss summed over all steps of the batch, by weight.
         learning_rate_halflife: Updates after which the step size has fallen to half; None keeps it.
         optimizer_options: Its other arguments; None is a momentum of 0.95 for SGD, and its own defaults for others.
@@ -87,10 +88,9 @@ class LRWRConfig:
     entropy_halflife: float | None = None
     loss: str = "likelihood"
     held_out: float = 1.0 / 3.0
-    patience: int = 20
-    max_epochs: int = 200
+    patience: int = 10
+    max_epochs: int = 30
     optimizer: str = "SGD"
-    keep_optimizer: bool = False
     learning_rate: float = 0.002
     learning_rate_halflife: float | None = None
     optimizer_options: Any = None  # a dict: OmegaConf cannot merge one into an optional one
@@ -237,26 +237,23 @@ class LRWR(Algorithm[LRWRConfig]):
         actions = torch.from_numpy(episodes.actions)
         before = self.policy.readout(features).detach()
         bonus = config.entropy_bonus * self._halved(config.entropy_halflife)
-        if not config.keep_optimizer:
-            self.optimizer = self._make_optimizer()
         for group in self.optimizer.param_groups:
             group["lr"] = config.learning_rate * self._halved(config.learning_rate_halflife)
         best, best_loss, since = self.policy.vector(), math.inf, 0
-        for epoch in range(config.max_epochs):
-            if epoch > 0:
-                features = self._remember(episodes)
+        epochs = 0
+        while True:
             outputs = self.policy.readout(features)  # (T, N, K)
             losses = sampled * self._distances(outputs, actions)  # (T, N), equation 6.2.4
             if config.control_variate:
                 losses = losses + usual * head.cross_entropy(before, outputs)
             if n_held:
                 unseen = float(losses.detach()[:, held].sum())
-                if unseen < best_loss:
-                    best, best_loss, since = self.policy.vector(), unseen, 0
-                else:
-                    since += 1
-                if since >= config.patience:
-                    break
+                since = 0 if unseen < best_loss or epochs <= 1 else since + 1
+                if since == 0:
+                    best, best_loss = self.policy.vector(), unseen
+                if since >= config.patience or epochs == config.max_epochs:
+                    self.policy.load_vector(best)
+                    return epochs
             loss = losses[:, ~held].sum()
             if bonus > 0.0:
                 loss = loss - bonus * (usual * head.entropy(outputs))[:, ~held].sum()
@@ -269,11 +266,10 @@ class LRWR(Algorithm[LRWRConfig]):
                 parameter.grad = None  # optimizer.zero_grad() takes ten times longer
             loss.backward()
             self.optimizer.step()
-        else:
-            epoch = config.max_epochs
-        if n_held:
-            self.policy.load_vector(best)
-        return epoch
+            epochs += 1
+            if epochs == config.max_epochs and not n_held:
+                return epochs
+            features = self._remember(episodes)
 
     def _halved(self, halflife: float | None) -> float:
         """What is left of something at this update."""
