@@ -40,7 +40,7 @@ FADED = 1e-3  # steps that count for less, by discount, are left out
 
 @dataclass
 class LRWRConfig:
-    """How LRWR learns. The defaults are the thesis's (section 6.3.6), and where it is silent, what reaches its results.
+    """How LRWR learns. The defaults are the thesis's (section 6.3.6), and where it is silent, what measures best.
 
     Attributes:
         batch_size: Episodes N of one EM step, at least 2 (thesis: 30, and 75 on CheeseMaze and T-maze).
@@ -59,9 +59,6 @@ class LRWRConfig:
             episode would be all there is to imitate.
         steepness: If given, tau is this over the gains' root mean square in recent batches, instead of equation 6.4's,
             which one disaster in a batch makes too small to tell the rest apart.
-        entropy_bonus: Weight of the policy's entropy beside the log-likelihood of a step of mean utility: keeps it from
-            settling before it has tried enough.
-        entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
         loss: ``"likelihood"``: weighted log-likelihood, what section 6.2.4 derives. ``"squared"``: squared error of the
             probabilities, as algorithm 6.1 approximates it; without a control variate.
         held_out: Part of a batch that is not trained on but says when to stop, in [0, 1); 0 trains ``max_epochs``.
@@ -84,8 +81,6 @@ class LRWRConfig:
     control_variate: bool = True
     tau: float | None = None
     steepness: float | None = None
-    entropy_bonus: float = 0.0
-    entropy_halflife: float | None = None
     loss: str = "likelihood"
     held_out: float = 1.0 / 3.0
     patience: int = 10
@@ -107,8 +102,6 @@ class LRWRConfig:
                 "discount_steps": (not self.discount_steps or self.baseline == "none", "false with a baseline"),
                 "tau": (_positive(self.tau), "positive and finite, or null"),
                 "steepness": (_positive(self.steepness), "positive and finite, or null"),
-                "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
-                "entropy_halflife": (_positive(self.entropy_halflife), "positive or null"),
                 "loss": (self.loss in LOSSES, f"one of {', '.join(LOSSES)}"),
                 "control_variate": (not self.control_variate or self.loss == "likelihood", "false with loss=squared"),
                 "held_out": (0.0 <= self.held_out < 1.0, "in [0, 1)"),
@@ -236,9 +229,9 @@ class LRWR(Algorithm[LRWRConfig]):
         sampled = weights - usual if config.control_variate else weights
         actions = torch.from_numpy(episodes.actions)
         before = self.policy.readout(features).detach()
-        bonus = config.entropy_bonus * self._halved(config.entropy_halflife)
-        for group in self.optimizer.param_groups:
-            group["lr"] = config.learning_rate * self._halved(config.learning_rate_halflife)
+        if config.learning_rate_halflife is not None:
+            for group in self.optimizer.param_groups:
+                group["lr"] = config.learning_rate * 0.5 ** (self.updates / config.learning_rate_halflife)
         best, best_loss, since = self.policy.vector(), math.inf, 0
         epochs = 0
         while True:
@@ -255,8 +248,6 @@ class LRWR(Algorithm[LRWRConfig]):
                     self.policy.load_vector(best)
                     return epochs
             loss = losses[:, ~held].sum()
-            if bonus > 0.0:
-                loss = loss - bonus * (usual * head.entropy(outputs))[:, ~held].sum()
             if self.baseline is not None:
                 _, error = self.baseline(episodes, features, returns, mask)
                 loss = loss + mean / self._scale**2 * error
@@ -270,10 +261,6 @@ class LRWR(Algorithm[LRWRConfig]):
             if epochs == config.max_epochs and not n_held:
                 return epochs
             features = self._remember(episodes)
-
-    def _halved(self, halflife: float | None) -> float:
-        """What is left of something at this update."""
-        return 1.0 if halflife is None else 0.5 ** (self.updates / halflife)
 
     def _distances(self, outputs: Tensor, actions: Tensor) -> Tensor:
         """How far the policy is from doing what was done, ``(T, N)``."""

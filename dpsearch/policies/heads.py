@@ -161,7 +161,7 @@ class Categorical(Head):
 
     @override
     def entropy(self, outputs: Tensor) -> Tensor:
-        return self.cross_entropy(outputs, outputs)
+        return -torch.stack([(log_p.exp() * log_p).sum(0) for log_p in self._log_softmax(outputs)]).sum(0)
 
     @override
     def cross_entropy(self, before: Tensor, outputs: Tensor) -> Tensor:
