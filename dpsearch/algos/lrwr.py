@@ -154,17 +154,20 @@ class LRWR(Algorithm[LRWRConfig]):
         start, config = perf_counter(), self.config
         played = self.play_batch(config.batch_size)
         sampled = perf_counter()
-        returns = played.returns_to_go(config.gamma)  # R_t, (T, N)
         episodes = played.first(self._horizon)
-        features = self._remember(episodes)
-        gains, whose = self._gains(episodes, returns[: len(episodes.rewards)], features)  # (M,) and (T, N)
+        returns = played.returns_to_go(config.gamma)[: len(episodes.rewards)]  # R_t, (T, N)
+        features = self._remember(episodes)  # (T, N, H)
+        gains, whose = self._gains(episodes, returns, features)  # (M,) and (T, N)
         self._mean_square += (1.0 - SCALE_MEMORY) * (float(np.square(gains).mean()) - self._mean_square)
         if config.steepness is not None:
             self.tau = config.steepness / self._scale
         elif self.tau is None:
             self.tau = adapted_tau(gains, np.ones(len(gains))) or 1.0
         utilities = np.exp(self.tau * (gains - gains.max()))  # (M,), the best one 1, equation 6.2
-        epochs = self.imitate(episodes, utilities[whose], features, returns[: len(episodes.rewards)])
+        if config.learning_rate_halflife is not None:
+            for group in self.optimizer.param_groups:
+                group["lr"] = config.learning_rate * 0.5 ** (self.updates / config.learning_rate_halflife)
+        epochs = self.imitate(episodes, utilities[whose], features, returns)
         if config.steepness is None:
             self.tau = adapted_tau(gains, utilities) or self.tau
         self.updates += 1
@@ -218,27 +221,20 @@ class LRWR(Algorithm[LRWRConfig]):
         Returns:
             Gradient steps taken.
         """
-        config, head, mask = self.config, self.policy.head, episodes.mask
+        config, mask = self.config, episodes.mask
         n_held = min(round(config.held_out * len(episodes)), len(episodes) - 1)  # the last ones: all are alike
-        held = torch.arange(len(episodes)) >= len(episodes) - n_held
+        held = np.arange(len(episodes)) >= len(episodes) - n_held
         fading = config.gamma ** np.arange(len(mask)) if config.discount_steps else np.ones(len(mask))
-        counted = mask * fading[:, None]
+        counted = mask * fading[:, None]  # (T, N)
         weights = torch.from_numpy((utilities * counted).astype(np.float32))
         mean = float(utilities[mask].mean())
-        usual = torch.from_numpy((mean * counted).astype(np.float32))
-        sampled = weights - usual if config.control_variate else weights
+        known = torch.from_numpy((mean * counted).astype(np.float32)) if config.control_variate else None
         actions = torch.from_numpy(episodes.actions)
         before = self.policy.readout(features).detach()
-        if config.learning_rate_halflife is not None:
-            for group in self.optimizer.param_groups:
-                group["lr"] = config.learning_rate * 0.5 ** (self.updates / config.learning_rate_halflife)
         best, best_loss, since = self.policy.vector(), math.inf, 0
         epochs = 0
         while True:
-            outputs = self.policy.readout(features)  # (T, N, K)
-            losses = sampled * self._distances(outputs, actions)  # (T, N), equation 6.2.4
-            if config.control_variate:
-                losses = losses + usual * head.cross_entropy(before, outputs)
+            losses = self._losses(self.policy.readout(features), actions, before, weights, known)
             if n_held:
                 unseen = float(losses.detach()[:, held].sum())
                 since = 0 if unseen < best_loss or epochs <= 1 else since + 1
@@ -249,7 +245,7 @@ class LRWR(Algorithm[LRWRConfig]):
                     return epochs
             loss = losses[:, ~held].sum()
             if self.baseline is not None:
-                _, error = self.baseline(episodes, features, returns, mask)
+                _, error = self.baseline(episodes, features, returns, mask & ~held)
                 loss = loss + mean / self._scale**2 * error
             if not torch.isfinite(loss):
                 raise FloatingPointError(f"the loss of update {self.updates} is not finite: the steps are too large")
@@ -261,6 +257,24 @@ class LRWR(Algorithm[LRWRConfig]):
             if epochs == config.max_epochs and not n_held:
                 return epochs
             features = self._remember(episodes)
+
+    def _losses(
+        self, outputs: Tensor, actions: Tensor, before: Tensor, weights: Tensor, known: Tensor | None
+    ) -> Tensor:
+        """Equation 6.2.4 by steps, ``(T, N)``.
+
+        Args:
+            outputs: The policy's, ``(T, N, K)``.
+            actions: Those taken, ``(T, N, A)``.
+            before: What its outputs were when it took them, ``(T, N, K)``.
+            weights: How much each step counts, ``(T, N)``.
+            known: The part of it that goes to all actions by their probabilities, ``(T, N)``; None without a control
+                variate.
+        """
+        if known is None:
+            return weights * self._distances(outputs, actions)
+        crossed = self.policy.head.cross_entropy(before, outputs)
+        return (weights - known) * self._distances(outputs, actions) + known * crossed
 
     def _distances(self, outputs: Tensor, actions: Tensor) -> Tensor:
         """How far the policy is from doing what was done, ``(T, N)``."""
