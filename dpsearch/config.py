@@ -111,6 +111,7 @@ class DrivingConfig(EnvConfig):
         start: "line" or "random".
         control_hz: Steps a second.
         stuck_seconds: Time off the road after which an episode is over.
+        reward: What a step on the road pays: speed, or progress, the speed along the road.
     """
 
     speed_profile: Any = MISSING
@@ -119,6 +120,7 @@ class DrivingConfig(EnvConfig):
     start: str = MISSING
     control_hz: float = MISSING
     stuck_seconds: float = MISSING
+    reward: str = MISSING
 
 
 @dataclass

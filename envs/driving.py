@@ -12,10 +12,11 @@ speed that rises linearly from 10 km/h to 70 km/h in 30 minutes.
   that distance: the bearing, relative to the car's heading, of the middle of the road so far ahead along the road.
   On request: ``angle`` (of the car relative to the road), ``curvature`` (of the road at the look-ahead distance),
   ``rays`` (free road in nine directions) and ``target`` (what the profile asks for). No bias: networks have their own.
-- *Reward* of a step: the speed in km/h. Off the road -100 instead. A car that has been off the road for
-  ``stuck_seconds`` on end is stuck: -1000 and the end of the episode. The thesis does not say when a car counts as
-  stuck, nor whether penalties come on top of the speed; they do not here, so that nothing can be earned off the road.
-  It is the speed wherever one goes: while the car is slow, circles within the road pay as well as laps.
+- *Reward* of a step: the speed in km/h. Off the road -100 instead. A car that has been off the road, or stood, as it
+  does with its nose against a wall, for ``stuck_seconds`` on end is stuck: -1000 and the end of the episode. The thesis
+  does not say when a car counts as stuck, nor whether penalties come on top of the speed; they do not here, so that
+  nothing can be earned off the road. It is the speed wherever one goes: while the car is slow, circles within the road
+  pay as well as laps. With the option ``reward="progress"`` it is the speed along the road, which they do not have.
 - *Afterwards* the car is put back on the road where it left it, and the speed goes on from where it was: the last
   ``info`` of an episode has ``carry_on``, the options with which the next ``reset`` does that.
 """
@@ -38,6 +39,8 @@ KMH: Final = 3.6
 OFF_ROAD_REWARD: Final = -100.0
 STUCK_REWARD: Final = -1000.0
 STUCK_SECONDS: Final = 5.0
+STANDING: Final = 1.0
+"""Below this speed a car stands (km/h)."""
 LONGEST: Final = 54_000
 """Steps of an episode: 30 minutes."""
 PEDALS_START: Final = 10.0
@@ -53,6 +56,8 @@ RAY_ANGLES: Final = tuple(math.radians(angle) for angle in range(-60, 61, 15))
 RAY_LENGTH: Final = 100.0
 """How far the rays see (m)."""
 STARTS: Final = ("line", "random")
+REWARDS: Final = ("speed", "progress")
+"""What a step on the road pays (km/h): the car's speed, or as much of it as leads along the road."""
 
 
 class Scale(NamedTuple):
@@ -126,7 +131,8 @@ class Rules:
         lookahead: Base (m) and gain (s) of the look-ahead distance, ``base + gain * speed``.
         start: "line", or "random" for anywhere on the road.
         control_hz: Steps a second.
-        stuck_seconds: Time off the road after which the car is stuck.
+        stuck_seconds: Time off the road or standing after which the car is stuck.
+        reward: What a step on the road pays, of ``REWARDS``.
     """
 
     profile: SpeedProfile | None
@@ -135,10 +141,11 @@ class Rules:
     start: str
     control_hz: float
     stuck_seconds: float
+    reward: str = "speed"
 
     @property
     def stuck_steps(self) -> int:
-        """Steps off the road, one after the other, the last of which ends the episode."""
+        """Steps off the road or standing, one after the other, the last of which ends the episode."""
         return max(1, round(self.stuck_seconds * self.control_hz))
 
     @property
@@ -198,6 +205,7 @@ def driving_rules(
     start: str = "line",
     control_hz: float = CONTROL_HZ,
     stuck_seconds: float = STUCK_SECONDS,
+    reward: str = "speed",
 ) -> Rules:
     """Rules from the options of an environment.
 
@@ -207,7 +215,8 @@ def driving_rules(
         lookahead: Base (m) and gain (s) of the look-ahead distance.
         start: "line" or "random".
         control_hz: Steps a second, from 10 to 200.
-        stuck_seconds: Time off the road after which the car is stuck, positive.
+        stuck_seconds: Time off the road or standing after which the car is stuck, positive.
+        reward: "speed", or "progress" for the speed along the road.
 
     Raises:
         ValueError: If an argument is none of these.
@@ -226,6 +235,8 @@ def driving_rules(
         raise ValueError(f"control_hz must be from 10 to 200, got {control_hz!r}")
     if not (_is_number(stuck_seconds) and 0.0 < stuck_seconds < math.inf):
         raise ValueError(f"stuck_seconds must be finite and positive, got {stuck_seconds!r}")
+    if reward not in REWARDS:
+        raise ValueError(f"reward must be one of {', '.join(REWARDS)}, got {reward!r}")
     return Rules(
         profile=_profile(speed_profile),
         observations=tuple(names),
@@ -233,6 +244,7 @@ def driving_rules(
         start=start,
         control_hz=float(control_hz),
         stuck_seconds=float(stuck_seconds),
+        reward=reward,
     )
 
 
@@ -285,21 +297,22 @@ class Referee:
     _distance: float = field(default=0.0, repr=False)
     _left_at: float = field(default=0.0, repr=False)
     _lap_began: int = field(default=0, repr=False)
-    _off_steps: int = field(default=0, repr=False)
+    _stuck_steps: int = field(default=0, repr=False)
 
     def reset(self, driven_steps: int, distance: float) -> None:
         """Begins an episode with the car in the middle of the road at a distance (m) along it."""
         self.driven_steps = self._lap_began = driven_steps
         self._distance = self._left_at = distance
-        self.progress, self.laps, self.lap_time, self.off_road, self._off_steps = 0.0, 0, 0.0, False, 0
+        self.progress, self.laps, self.lap_time, self.off_road, self._stuck_steps = 0.0, 0, 0.0, False, 0
 
-    def step(self, speed: float, position: float, distance: float) -> tuple[float, bool]:
+    def step(self, speed: float, position: float, distance: float, progress: float | None = None) -> tuple[float, bool]:
         """Judges a step.
 
         Args:
             speed: After the step (km/h).
             position: On the road, in half widths from the middle.
             distance: Along the middle line (m), which begins anew with every lap.
+            progress: The speed along the road (km/h), needed if that is what is paid.
 
         Returns:
             The reward, and whether the car is stuck.
@@ -312,12 +325,14 @@ class Referee:
             self.lap_time = (self.driven_steps - self._lap_began) / self.rules.control_hz
             self._lap_began = self.driven_steps
         self.off_road = not abs(position) <= 1.0  # also if it is not a number
-        self._off_steps = self._off_steps + 1 if self.off_road else 0
+        self._stuck_steps = self._stuck_steps + 1 if self.off_road or not speed >= STANDING else 0
         if not self.off_road:
             self._left_at = distance
-            return speed, False
-        stuck = self._off_steps >= self.rules.stuck_steps
-        return (STUCK_REWARD if stuck else OFF_ROAD_REWARD), stuck
+        if self._stuck_steps >= self.rules.stuck_steps:
+            return STUCK_REWARD, True
+        if self.off_road:
+            return OFF_ROAD_REWARD, False
+        return (speed if progress is None else progress), False
 
     def info(self, speed: float, position: float) -> dict[str, Any]:
         """What the info of a step tells, besides the state: speed in km/h, position in half widths."""

@@ -98,7 +98,7 @@ class TrackTask(Task):
             "distance": states[:, rows.DISTANCE].copy(),
             "laps": states[:, rows.LAPS].astype(np.int64),
             "lap_time": states[:, rows.LAP_TIME].copy(),
-            "off_road": states[:, rows.OFF_STEPS] > 0.0,
+            "off_road": ~(np.abs(states[:, rows.OFFSET]) <= 0.5 * self.width),
         }
 
     @override
@@ -128,6 +128,7 @@ class Track(KernelEnv):
         start: "line" for the start line, "random" for anywhere on the road.
         control_hz: Steps a second.
         stuck_seconds: Time off the road after which the car is stuck and the episode over.
+        reward: Of a step on the road: "speed", or "progress" for the speed along the road.
         max_episode_steps: Steps after which an episode is cut off; 54,000, half an hour, by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 
@@ -148,10 +149,11 @@ class Track(KernelEnv):
         start: str = "line",
         control_hz: float = CONTROL_HZ,
         stuck_seconds: float = STUCK_SECONDS,
+        reward: str = "speed",
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
     ) -> None:
-        rules = (speed_profile, observations, lookahead, start, control_hz, stuck_seconds)
+        rules = (speed_profile, observations, lookahead, start, control_hz, stuck_seconds, reward)
         super().__init__(self.make_task(track, width, *rules, max_episode_steps), render_mode)
         self._trace: deque[tuple[float, float]] = deque(maxlen=TRACE)
 
@@ -166,6 +168,7 @@ class Track(KernelEnv):
         start: str = "line",
         control_hz: float = CONTROL_HZ,
         stuck_seconds: float = STUCK_SECONDS,
+        reward: str = "speed",
         max_episode_steps: int | None = None,
     ) -> TrackTask:
         """What the class plays with these arguments."""
@@ -176,6 +179,7 @@ class Track(KernelEnv):
             start=start,
             control_hz=control_hz,
             stuck_seconds=stuck_seconds,
+            reward=reward,
         )
         return track_task(track, width, rules, LONGEST if max_episode_steps is None else max_episode_steps)
 
@@ -224,7 +228,7 @@ class Track(KernelEnv):
             seconds=self.elapsed_steps / rules.control_hz,
             step=self.elapsed_steps,
             max_steps=self.max_episode_steps,
-            stuck=bool(state[rows.OFF_STEPS] >= rules.stuck_steps),
+            stuck=bool(state[rows.STUCK_STEPS] >= rules.stuck_steps),
             episode_return=self.episode_return,
             **details,
         )

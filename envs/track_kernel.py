@@ -15,7 +15,16 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
-from dpsearch.envs.driving import KMH, OBSERVATIONS, OFF_ROAD_REWARD, PEDALS_START, RAY_ANGLES, STUCK_REWARD, Rules
+from dpsearch.envs.driving import (
+    KMH,
+    OBSERVATIONS,
+    OFF_ROAD_REWARD,
+    PEDALS_START,
+    RAY_ANGLES,
+    STANDING,
+    STUCK_REWARD,
+    Rules,
+)
 from dpsearch.envs.track_car import GRAVITY, Car
 from dpsearch.envs.track_motion import advance, within
 from dpsearch.envs.track_rays import free_road
@@ -27,7 +36,7 @@ from dpsearch.kernels.lanes import FASTMATH, FLOATS, INTS, LANES, OBSERVE, RESET
 """Rows of the state: s, n, p, u, v, r and d of the car (m, rad, s), and steps driven."""
 HIDDEN: Final = 8
 """How many rows are the state; the rest is kept for the rules, or follows from it."""
-PROGRESS, LAPS, LAP_BEGAN, LAP_TIME, OFF_STEPS, LEFT_AT = range(HIDDEN, HIDDEN + 6)
+PROGRESS, LAPS, LAP_BEGAN, LAP_TIME, STUCK_STEPS, LEFT_AT = range(HIDDEN, HIDDEN + 6)
 """Rows that are kept for the rules; see ``driving.Referee``."""
 _BEND, _HEADING, _AHEAD_X, _AHEAD_Y, _AHEAD_BEND = range(HIDDEN + 6, HIDDEN + 11)
 """Rows with the road: its curvature in the next step, its heading here, where it is at the look-ahead distance."""
@@ -44,7 +53,7 @@ _SECONDS, _HALF_WIDTH, _LENGTH, _SPACING, _SPEED, _RISE, _RISE_STEPS, _BASE, _LO
 _SCALES: Final = 36  # mean and 1 / deviation of each observation
 _TABLES: Final = _SCALES + 2 * len(OBSERVATIONS)
 # In `ints`:
-_PEDALS, _SUBSTEPS, _STUCK, _RANDOM, _SAMPLES, _SEEN, _SEEN_NAMES = range(7)
+_PEDALS, _SUBSTEPS, _STUCK, _RANDOM, _ALONG, _SAMPLES, _SEEN, _SEEN_NAMES = range(8)
 # Of what there is to be seen:
 _SEE_SPEED, _SEE_STEERING, _SEE_POSITION, _SEE_LOOKAHEAD, _SEE_ANGLE, _SEE_CURVATURE, _SEE_RAYS, _SEE_TARGET = range(8)
 
@@ -100,6 +109,7 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
 def _judge(floats, ints, state, reward, terminated):  # type: ignore[no-untyped-def]
     """After a step: walls, laps, rewards and ends."""
     half_width, length, seconds = floats[_HALF_WIDTH], floats[_LENGTH], floats[_SECONDS]
+    along = ints[_ALONG] == 1
     wall, loss, stuck_steps = half_width + floats[_VERGE], floats[_WALL_LOSS], np.float64(ints[_STUCK])
     for i in range(LANES):
         n, p = state[OFFSET * LANES + i], state[ANGLE * LANES + i]
@@ -117,16 +127,18 @@ def _judge(floats, ints, state, reward, terminated):  # type: ignore[no-untyped-
         done = state[PROGRESS * LANES + i] >= (laps + 1.0) * length
         lap_time = (driven - state[LAP_BEGAN * LANES + i]) * seconds
         on_road = abs(n) <= half_width  # not so if it is not a number
-        off_steps = 0.0 if on_road else state[OFF_STEPS * LANES + i] + 1.0
-        stuck = off_steps >= stuck_steps
-        reward[i] = KMH * u if on_road else (STUCK_REWARD if stuck else OFF_ROAD_REWARD)
+        moves = on_road & (u >= STANDING / KMH)
+        stuck_for = 0.0 if moves else state[STUCK_STEPS * LANES + i] + 1.0
+        stuck = stuck_for >= stuck_steps
+        pay = u * cos_p - v * sin_p if along else u
+        reward[i] = STUCK_REWARD if stuck else (KMH * pay if on_road else OFF_ROAD_REWARD)
         terminated[i] = stuck
         state[DISTANCE * LANES + i], state[OFFSET * LANES + i], state[ANGLE * LANES + i] = s, n, p
         state[FORWARD * LANES + i], state[SIDEWAYS * LANES + i], state[TURNING * LANES + i] = u, v, r
         state[DRIVEN * LANES + i], state[LAPS * LANES + i] = driven, laps + 1.0 if done else laps
         state[LAP_TIME * LANES + i] = lap_time if done else state[LAP_TIME * LANES + i]
         state[LAP_BEGAN * LANES + i] = driven if done else state[LAP_BEGAN * LANES + i]
-        state[OFF_STEPS * LANES + i] = off_steps
+        state[STUCK_STEPS * LANES + i] = stuck_for
         state[LEFT_AT * LANES + i] = s if on_road else state[LEFT_AT * LANES + i]
 
 
@@ -287,7 +299,7 @@ def pack(shape: Shape, width: float, car: Car, rules: Rules) -> EnvKernel:
     tables = [shape.x[around], shape.y[around], heading, shape.curvature[around], np.cos(heading), np.sin(heading)]
     names = [list(OBSERVATIONS).index(name) for name in rules.observations]
     numbers = [rules.profile is None, max(1, math.ceil(drive[0] / _SUBSTEP - 1e-9)), rules.stuck_steps]
-    numbers += [rules.start == "random", len(shape.x), len(names), *names]
+    numbers += [rules.start == "random", rules.reward == "progress", len(shape.x), len(names), *names]
     return EnvKernel(
         reset=reset,
         observe=observe,

@@ -70,7 +70,7 @@ def test_every_task_of_balancing_poles_has_its_option(name: str) -> None:
 
 
 def test_the_track_is_described_by_its_arguments() -> None:
-    config = composed("env=track")
+    config = composed("algo=xnes", "env=track")
     env = gym.make("dpsearch.envs:dpsearch/Track-v0").unwrapped
     assert isinstance(env, Track)
     kwargs = config.env.recipe().kwargs
@@ -84,12 +84,19 @@ def test_the_track_is_described_by_its_arguments() -> None:
 
 
 def test_torcs_is_configured_as_its_class_is_by_default() -> None:
-    recipe = composed("env=torcs").env.recipe()
+    recipe = composed("algo=xnes", "env=torcs").env.recipe()
     assert recipe.id == "dpsearch.envs:dpsearch/TORCS-v0"
     defaults = {name: argument.default for name, argument in signature(TORCS).parameters.items()}
     assert defaults.pop("render_mode") is None
     lists = {name: list(value) if isinstance(value, tuple) else value for name, value in defaults.items()}
     assert recipe.kwargs == lists
+
+
+def test_rpg_learns_to_steer_with_the_same_settings_in_both_simulators() -> None:
+    track, torcs = composed("env=track"), composed("env=torcs")
+    assert track.algo == torcs.algo
+    assert track.policy == torcs.policy
+    assert track.env.recipe().kwargs["track"] == torcs.env.recipe().kwargs["track"] == "g-track-2"
 
 
 @pytest.mark.parametrize(("group", "schemas"), [("algo", ALGOS), ("env", ENVS)])

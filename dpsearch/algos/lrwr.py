@@ -230,11 +230,12 @@ class LRWR(Algorithm[LRWRConfig]):
         mean = float(utilities[mask].mean())
         known = torch.from_numpy((mean * counted).astype(np.float32)) if config.control_variate else None
         actions = torch.from_numpy(episodes.actions)
-        before = self.policy.readout(features).detach()
+        before = self.policy.distribution(features, actions).detach()  # (T, N, K)
         best, best_loss, since = self.policy.vector(), math.inf, 0
         epochs = 0
         while True:
-            losses = self._losses(self.policy.readout(features), actions, before, weights, known)
+            outputs = self.policy.distribution(features, actions)
+            losses = self._losses(outputs, actions, before, weights, known)
             if n_held:
                 unseen = float(losses.detach()[:, held].sum())
                 since = 0 if unseen < best_loss or epochs <= 1 else since + 1

@@ -10,6 +10,7 @@ played with these weights. What happens within the episode is not looked at: phy
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from time import perf_counter
@@ -27,6 +28,7 @@ from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts, Search
 
 SEARCH = 5  # purpose of the seed's stream that the search draws from; see those in ``base``
 CHOICES = ("auto", "best", "mean")
+FLAT = 100  # evaluations after which it is said if all fitness was the same
 
 
 @dataclass
@@ -101,6 +103,7 @@ class PolicySearch(Algorithm[ConfigT]):
         self._choice = automatic if self.config.choice == "auto" else self.config.choice
         self._incumbent = 0  # the evaluation that found the weights in self.policy, if the choice is the best
         self._rejected = 0  # the incumbent that was last found not to solve the task
+        self._worst = np.inf  # fitness since the search began or was resumed: only a warning hangs on it
 
     def _make_search(self) -> Search:
         config, key = self.config, stream_key(self.seed, SEARCH)
@@ -139,6 +142,7 @@ class PolicySearch(Algorithm[ConfigT]):
         played = perf_counter()
         fitness = returns.mean(axis=1)
         self.search.tell(points, fitness)
+        self._warn_if_flat(fitness)
         self._load_policy()
         self.updates += 1
         self.episodes += returns.size
@@ -156,6 +160,16 @@ class PolicySearch(Algorithm[ConfigT]):
             "time/sample": played - asked,
             "time/search": told - played + asked - start,
         }
+
+    def _warn_if_flat(self, fitness: NDArray[np.float64]) -> None:
+        """Say so, once, if the first evaluations tell no policy from another."""
+        self._worst, evaluations = min(self._worst, float(fitness.min())), self.search.evaluations
+        if evaluations - len(fitness) < FLAT <= evaluations and self._worst == self.search.best.fitness:
+            warnings.warn(
+                f"the first {evaluations} policies all have the same fitness, {self._worst:g}: the search has nothing "
+                "to go by. Another reward or a larger sigma0 may tell policies apart",
+                stacklevel=3,
+            )
 
     def check_solved(self) -> bool:
         """Whether 100 evaluation episodes of the policy reach the environment's reward threshold.

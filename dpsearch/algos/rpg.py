@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
+from dpsearch.algos.advantages import generalised_advantages
 from dpsearch.algos.base import BASELINE, WEIGHTS, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
@@ -34,7 +35,7 @@ from dpsearch.kernels.philox import stream_key
 from dpsearch.rollout import Episodes, Pieces, Stream
 
 BASELINES = ("constant", "shared", "history", "quadratic")
-SCALE_MEMORY = 0.98  # of the running scale of advantages, from batch to batch
+TINY = torch.finfo(torch.float32).tiny
 
 
 @dataclass
@@ -74,6 +75,8 @@ class RPGConfig:
         normalise_advantages: Divide advantages by their root mean square over recent batches, so that learning rate and
             ``entropy_bonus`` mean the same on every task. A batch is not scaled by itself alone: that would make rare
             disasters count for little.
+        advantage_memory: Of that running mean, from batch to batch; 1 for the mean over all batches, so that a policy
+            that has learned to avoid disasters is not unsettled by trifles that come to look large beside one another.
         entropy_bonus: Weight of the policy's entropy, summed over an episode's steps, beside its return: keeps a policy
             from settling before it has tried enough.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
@@ -109,6 +112,7 @@ class RPGConfig:
     batch_steps: int | None = None
     trace: float = 1.0
     normalise_advantages: bool = False
+    advantage_memory: float = 0.98
     entropy_bonus: float = 0.0
     entropy_halflife: float | None = None
     natural_step: float | None = None
@@ -127,6 +131,7 @@ class RPGConfig:
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
                 "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
                 "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
+                "advantage_memory": (0.0 < self.advantage_memory <= 1.0, "in (0, 1]"),
                 "gradient_length": (_positive(self.gradient_length), "positive or null"),
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
@@ -150,7 +155,7 @@ class RPGConfig:
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
                 "update_steps": (
                     self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
-                    "at least 1, and without batch_steps, or null",
+                    "at least 1 or null; batch_steps, which is for batches of whole episodes, must be null beside it",
                 ),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
@@ -286,12 +291,12 @@ class RPG(Algorithm[RPGConfig]):
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)
         features = self.policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
-        outputs = self.policy.readout(features)  # (T, N, K)
+        outputs = self.policy.distribution(features, actions, state)  # (T, N, K)
         foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns, mask)
         surprises = (returns - baseline) * mask
-        advantages = self._advantages(episodes, surprises)  # (T, N)
+        advantages = generalised_advantages(episodes, surprises, config.gamma, config.trace)  # (T, N)
         if config.normalise_advantages:
             scale = self._running_scale(advantages[mask])
             advantages = advantages / scale
@@ -302,7 +307,7 @@ class RPG(Algorithm[RPGConfig]):
             strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -count
             bonus = torch.from_numpy(mask * np.float32(strength))
         seen = outputs.detach()
-        if not mask.all():  # what the policy would do on padding must not matter
+        if episodes.steps < mask.size:  # what the policy would do on padding must not matter
             seen = torch.where(torch.from_numpy(mask)[..., None], seen, 0.0)
         eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
         eligibilities, entropy = eligible(seen, actions, torch.from_numpy(weights), bonus)
@@ -315,11 +320,8 @@ class RPG(Algorithm[RPGConfig]):
             outputs.backward(eligibilities)  # through time, section 3.3.3
         else:
             torch.autograd.backward((outputs, loss / count), (eligibilities, None))
-        spread = float(returns[mask].var())
-        return {
-            "entropy": float((entropy.numpy() * mask).sum()) / episodes.steps,
-            "explained_variance": 1.0 - float(surprises[mask].var()) / spread if spread > 0.0 else 0.0,
-        }
+        (entropy_mean, _), (_, spread), (_, left) = map(episodes.moments, (entropy.numpy(), returns, surprises))
+        return {"entropy": entropy_mean, "explained_variance": 1.0 - left / spread if spread > 0.0 else 0.0}
 
     def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float) -> None:
         """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
@@ -330,7 +332,9 @@ class RPG(Algorithm[RPGConfig]):
             self.policy,
             [-part for part in gradient],
             outputs,
-            lambda policy: policy.readout(policy.unroll(observations, actions, episodes.seen, state)),
+            lambda policy: policy.distribution(
+                policy.unroll(observations, actions, episodes.seen, state), actions, state
+            ),
             episodes.mask,
             self.config.damping,
             divergence,
@@ -338,19 +342,13 @@ class RPG(Algorithm[RPGConfig]):
         for parameter, step in zip(self.parameters, steps, strict=True):
             parameter.grad = -step  # optimisers descend
 
-    def _advantages(self, episodes: Episodes, surprises: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Generalised advantage estimates from R_t - b ``(T, N)``, which they are for a trace of 1."""
-        gamma, trace = self.config.gamma, self.config.trace
-        if trace == 1.0:
-            return surprises
-        errors = surprises.copy()
-        errors[:-1] -= gamma * surprises[1:]  # r_t + gamma b(h_t+1) - b(h_t)
-        return episodes.discounted(errors, gamma * trace)
-
     def _running_scale(self, advantages: NDArray[np.float32]) -> float:
         """Root mean square of the advantages ``(M,)`` of this batch and, less and less, those before."""
-        self._mean_square += (1.0 - SCALE_MEMORY) * (float(np.square(advantages).mean()) - self._mean_square)
-        return max(math.sqrt(self._mean_square / (1.0 - SCALE_MEMORY ** (self.updates - self._first_update + 1))), 1e-8)
+        memory, batches = self.config.advantage_memory, self.updates - self._first_update + 1
+        share = 1.0 / batches if memory == 1.0 else 1.0 - memory
+        self._mean_square += share * (float(np.square(advantages).mean()) - self._mean_square)
+        counted = 1.0 if memory == 1.0 else 1.0 - memory**batches  # it begins with 0
+        return max(math.sqrt(self._mean_square / counted), 1e-8)
 
     def _halved(self, halflife: float | None) -> float:
         """What is left of something at this update."""
@@ -364,7 +362,7 @@ class RPG(Algorithm[RPGConfig]):
             raise FloatingPointError(
                 f"the gradient of update {self.updates} is not finite: the steps or the rewards are too large"
             )
-        if self.config.gradient_length is not None and length > torch.finfo(torch.float32).tiny:
+        if self.config.gradient_length is not None and length > TINY:
             torch._foreach_mul_(gradients, self.config.gradient_length / length)
         return length
 

@@ -23,7 +23,7 @@ from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
 _FORWARD = [FORWARD_SHARED, FORWARD_LANES]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompiledPolicy:
     """A policy's compiled functions and the sizes they work with.
 
@@ -32,15 +32,17 @@ class CompiledPolicy:
         sample: Signature ``SAMPLE``: a random action.
         mode: Signature ``SAMPLE``: the greedy action.
         sizes: Observation size, hidden size, outputs, 1 if there are biases, rows of the previous action among the
-            inputs, and 1 if these are one-hot: ``(6,)`` int64.
+            inputs, 1 if these are one-hot, and rows of noise carried over: ``(7,)`` int64.
         head_sizes: What ``sample`` needs to know of the outputs' layout.
-        hidden_rows: Rows of recurrent state, zero at the start of an episode; the last are the previous action's.
+        hidden_rows: Rows of recurrent state, zero at the start of an episode; the last are those of the noise carried
+            over and then the previous action's.
         scratch_rows: Rows of working memory.
-        n_outputs: Rows of output.
+        n_outputs: Rows of output; the last are what is left of the noise of the step before.
         action_size: Rows of action.
         draws: Uniform numbers an action needs.
-        order: Where each packed weight stands in ``RecurrentPolicy.vector()``; P for a 0 and P + 1 for a 1 that no
-            parameter holds.
+        noise_memory: What part of the noise is left after a step.
+        order: Where each packed weight stands in ``RecurrentPolicy.vector()``; P for a 0, P + 1 for a 1 and P + 2 for
+            the ``noise_memory`` that no parameter holds.
     """
 
     forward: Compiled
@@ -53,12 +55,15 @@ class CompiledPolicy:
     n_outputs: int
     action_size: int
     draws: int
+    noise_memory: float
     order: NDArray[np.intp]
 
     def pack(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Weights ``(.., P)`` of ``RecurrentPolicy.vector()``'s layout, in the order that ``forward`` reads them."""
-        constants = np.broadcast_to([0.0, 1.0], (*weights.shape[:-1], 2))
-        return np.ascontiguousarray(np.concatenate([weights, constants], axis=-1)[..., self.order])
+        p = weights.shape[-1]
+        extended = np.empty((*weights.shape[:-1], p + 3))
+        extended[..., :p], extended[..., p:] = weights, (0.0, 1.0, self.noise_memory)
+        return extended.take(self.order, axis=-1)
 
 
 @njit(inline="always")
@@ -79,6 +84,13 @@ def _inputs(sizes, observation, previous, memory, n_memory, stacked):  # type: i
 
 
 @njit(inline="always")
+def _features(sizes, memory, noise, stacked):  # type: ignore[no-untyped-def]
+    """(memory, noise, 1), or without the 1: what the read-out reads. Returns how many rows that is."""
+    columns = _put(memory, sizes[1], stacked, 0)
+    return _end(noise, sizes[6], sizes[3], stacked, columns)
+
+
+@njit(inline="always")
 def _end(rows, count, bias, stacked, first):  # type: ignore[no-untyped-def]
     """(rows, 1), or without the 1, below what is there already."""
     columns = _put(rows, count, stacked, first)
@@ -90,9 +102,9 @@ def _end(rows, count, bias, stacked, first):  # type: ignore[no-untyped-def]
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def lstm(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """``torch.nn.LSTM`` and a linear layer; ``hidden`` holds the outputs h above the cells c."""
-    n, outputs, bias, rows = sizes[1], sizes[2], sizes[3], sizes[0] + sizes[4] + sizes[1] + 1
+    n, outputs, rows, noise = sizes[1], sizes[2], sizes[0] + sizes[4] + sizes[6] + sizes[1] + 1, hidden[2 * sizes[1] :]
     seen, gates = scratch[:rows], scratch[rows:]
-    columns = _inputs(sizes, observation, hidden[2 * n :], hidden, n, seen)
+    columns = _inputs(sizes, observation, noise[sizes[6] :], hidden, n, seen)
     matvec(weights, 0, 4 * n, columns, seen, gates)
     for j in range(n):  # gates in torch's order: input, forget, cell, output
         for lane in range(LANES):
@@ -102,40 +114,44 @@ def lstm(sizes, weights, observation, hidden, scratch, output):  # type: ignore[
         for lane in range(LANES):
             hidden[j, lane] = sigmoid(gates[3 * n + j, lane]) * tanh(hidden[n + j, lane])
     first = 4 * n * columns
-    matvec(weights, first, outputs, _end(hidden, n, bias, seen, 0), seen, output)
+    matvec(weights, first, outputs, _features(sizes, hidden, noise, seen), seen, output)
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def elman(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """``torch.nn.RNN`` with tanh and a linear layer."""
-    n, outputs, bias = sizes[1], sizes[2], sizes[3]
-    columns = _inputs(sizes, observation, hidden[n:], hidden, n, scratch)
+    n, outputs, noise = sizes[1], sizes[2], hidden[sizes[1] :]
+    columns = _inputs(sizes, observation, noise[sizes[6] :], hidden, n, scratch)
     matvec(weights, 0, n, columns, scratch, hidden)
     for j in range(n):
         for lane in range(LANES):
             hidden[j, lane] = tanh(hidden[j, lane])
     first = n * columns
-    matvec(weights, first, outputs, _end(hidden, n, bias, scratch, 0), scratch, output)
+    matvec(weights, first, outputs, _features(sizes, hidden, noise, scratch), scratch, output)
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def memoryless(sizes, weights, observation, hidden, scratch, output):  # type: ignore[no-untyped-def]
     """One tanh layer and a linear layer: reacts to the present observation alone, or that and the previous action."""
-    n, outputs, bias, rows = sizes[1], sizes[2], sizes[3], sizes[0] + sizes[4] + sizes[1] + 1
+    n, outputs, rows = sizes[1], sizes[2], sizes[0] + sizes[4] + sizes[6] + sizes[1] + 1
     seen, units = scratch[:rows], scratch[rows:]
-    columns = _inputs(sizes, observation, hidden, hidden, 0, seen)
+    columns = _inputs(sizes, observation, hidden[sizes[6] :], hidden, 0, seen)
     matvec(weights, 0, n, columns, seen, units)
     for j in range(n):
         for lane in range(LANES):
             units[j, lane] = tanh(units[j, lane])
     first = n * columns
-    matvec(weights, first, outputs, _end(units, n, bias, seen, 0), seen, output)
+    matvec(weights, first, outputs, _features(sizes, units, hidden, seen), seen, output)
 
 
-@njit(types.void(INTS, INTS, ROWS, ROWS), cache=True, nogil=True, error_model="numpy")
-def remember_action(sizes, head_sizes, action, hidden):  # type: ignore[no-untyped-def]
-    """Puts the action taken into the last rows of the recurrent state, for a policy that will see it."""
+@njit(types.void(INTS, INTS, ROWS, ROWS, ROWS), cache=True, nogil=True, error_model="numpy")
+def remember_action(sizes, head_sizes, output, action, hidden):  # type: ignore[no-untyped-def]
+    """Puts the action taken, and the noise in it, into the last rows of the recurrent state, for who needs them."""
     first = hidden.shape[0] - sizes[4]
+    for i in range(sizes[6]):  # how far from where the network alone would have had the mean
+        for lane in range(LANES):
+            left = output[sizes[2] - sizes[6] + i, lane]
+            hidden[first - sizes[6] + i, lane] = action[i, lane] - output[i, lane] + left
     for i in range(action.shape[0] if sizes[4] > 0 else 0):
         if sizes[5] == 0:
             hidden[first + i] = action[i]
@@ -223,9 +239,10 @@ def compiled_policy(
     bias: bool,
     readout: bool = True,
     previous_action: bool = False,
+    noise_memory: float = 0.0,
 ) -> CompiledPolicy:
     """The compiled twin of a ``RecurrentPolicy`` with these sizes."""
-    n, echo = hidden_size, head.echo_size if previous_action else 0
+    n, echo, noise = hidden_size, head.echo_size if previous_action else 0, head.action_size if noise_memory else 0
     inputs = observation_size + echo
     forward, units, recurrent, hidden_rows, work_rows = {
         "lstm": (lstm, 4 * n, n, 2 * n, 4 * n),
@@ -246,25 +263,33 @@ def compiled_policy(
         forward=forward,
         sample=sample,
         mode=mode,
-        sizes=np.array([observation_size, n, head.n_outputs, bias, echo, isinstance(head, Categorical)], np.int64),
+        sizes=np.array(
+            [observation_size, n, head.n_outputs + noise, bias, echo, isinstance(head, Categorical), noise], np.int64
+        ),
         head_sizes=np.array(head_sizes, np.int64),
-        hidden_rows=hidden_rows + echo,
-        scratch_rows=inputs + n + 1 + work_rows,
-        n_outputs=head.n_outputs,
+        hidden_rows=hidden_rows + noise + echo,
+        scratch_rows=inputs + noise + n + 1 + work_rows,
+        n_outputs=head.n_outputs + noise,
         action_size=head.action_size,
         draws=head.draws,
+        noise_memory=noise_memory,
         order=_order(
             [(units, inputs), (units, recurrent), (units, int(bias))],
             [(head.n_outputs, n), (head.n_outputs, int(bias))],
             readout,
+            noise,
         ),
     )
 
 
-def _order(core: list[tuple[int, int]], readout: list[tuple[int, int]], has_readout: bool) -> NDArray[np.intp]:
+def _order(
+    core: list[tuple[int, int]], readout: list[tuple[int, int]], has_readout: bool, noise: int
+) -> NDArray[np.intp]:
     """Positions in a flat vector of matrices of these shapes, read with each layer's matrices side by side.
 
-    Without a read-out its matrix is the identity and its bias 0, made of the constants that follow the vector.
+    Without a read-out its matrix is the identity and its bias 0, made of the constants that follow the vector. With
+    noise carried over the read-out has columns for it, which add what is left of it to the means, and rows that give
+    just that.
     """
     order, first = [], 0
     for layer in (core, readout) if has_readout else (core,):
@@ -272,8 +297,14 @@ def _order(core: list[tuple[int, int]], readout: list[tuple[int, int]], has_read
         for rows, columns in layer:
             blocks.append(np.arange(first, first + rows * columns).reshape(rows, columns))
             first += rows * columns
-        order.append(np.hstack(blocks).ravel())
+        order.append(np.hstack(blocks))
+    zero, memory = first, first + 2
+    (outputs, n), (_, biases) = readout
     if not has_readout:
-        (outputs, n), (_, biases) = readout
-        order.append(first + np.eye(outputs, n + biases, dtype=np.intp).ravel())
-    return np.concatenate(order)
+        order.append(zero + np.eye(outputs, n + biases, dtype=np.intp))
+    if noise:
+        left = np.full((outputs + noise, noise), zero)
+        left[np.arange(noise), np.arange(noise)] = left[outputs + np.arange(noise), np.arange(noise)] = memory
+        last = np.pad(order[1], ((0, noise), (0, 0)), constant_values=zero)
+        order[1] = np.hstack([last[:, :n], left, last[:, n:]])
+    return np.concatenate(order, axis=None)

@@ -37,6 +37,7 @@ class PolicyConfig:
     readout: bool = True
     previous_action: bool = False
     init_std: float | None = None
+    noise_memory: float = 0.0
 
 
 class RecurrentPolicy(nn.Module):
@@ -59,6 +60,10 @@ class RecurrentPolicy(nn.Module):
             samples its actions cannot otherwise know which it took.
         init_std: The standard deviation that a Gaussian policy starts with, in (0, 1); None for one half, since all
             weights are small.
+        noise_memory: What part of a Gaussian policy's noise is left in its next action, in [0, 1), where the standard
+            deviation sigma is that of what is added: noise that lasts, and is sigma / sqrt(1 - noise_memory^2) on the
+            whole, gives pushes that move what is heavy, where those of independent noise cancel (Wawrzynski, IJMLC
+            2015). The policy remembers its noise, so that actions are still Gaussian given the history.
         seed: Seed of the initial weights.
     """
 
@@ -76,6 +81,7 @@ class RecurrentPolicy(nn.Module):
         readout: bool = True,
         previous_action: bool = False,
         init_std: float | None = None,
+        noise_memory: float = 0.0,
         seed: int = 0,
     ) -> None:
         if core not in ("lstm", "rnn", "none"):
@@ -92,6 +98,8 @@ class RecurrentPolicy(nn.Module):
             raise ValueError(f"forget_bias and input_bias need an LSTM with biases, got core {core!r}, bias {bias}")
         if init_std is not None and not (isinstance(head, Gaussian) and bias and readout and 0.0 < init_std < 1.0):
             raise ValueError(f"init_std must be in (0, 1), of a Gaussian policy with biases, got {init_std}")
+        if noise_memory and not (isinstance(head, Gaussian) and readout and 0.0 < noise_memory < 1.0):
+            raise ValueError(f"noise_memory must be 0, or below 1 and of a Gaussian policy, got {noise_memory}")
         if not readout and hidden_size < head.n_outputs:
             raise ValueError(f"readout must be true if hidden_size is below the {head.n_outputs} outputs needed")
         super().__init__()
@@ -101,9 +109,19 @@ class RecurrentPolicy(nn.Module):
         self.core_type = cast(Core, core)
         self.bias = bias
         self._config = PolicyConfig(
-            core, hidden_size, bias, init_range, forget_bias, input_bias, readout, previous_action, init_std
+            core,
+            hidden_size,
+            bias,
+            init_range,
+            forget_bias,
+            input_bias,
+            readout,
+            previous_action,
+            init_std,
+            noise_memory,
         )
         self.echo_size = head.echo_size if previous_action else 0
+        self.noise_memory, self.noise_size = noise_memory, head.action_size if noise_memory else 0
         inputs = observation_size + self.echo_size
         self.core: nn.LSTM | nn.RNN | nn.Linear
         if core == "lstm":
@@ -124,6 +142,7 @@ class RecurrentPolicy(nn.Module):
                 fixed.requires_grad_(False)
                 nn.init.zeros_(fixed)
             nn.init.eye_(self.readout.weight)
+        self._free = [p for p in self.parameters() if p.requires_grad]  # found once: they are asked for at every update
         self.initialise(seed)
 
     @classmethod
@@ -176,15 +195,20 @@ class RecurrentPolicy(nn.Module):
 
     def free_parameters(self) -> list[nn.Parameter]:
         """The parameters that learn, in the order of ``vector()``."""
-        return [p for p in self.parameters() if p.requires_grad]
+        return list(self._free)
 
     @property
     def state_size(self) -> int:
         """Numbers of recurrent state an episode carries.
 
-        h and c for an LSTM, h for an Elman net, none without; then the previous action, if the policy sees it.
+        h and c for an LSTM, h for an Elman net, none without; then the noise in the previous action, if some of it
+        lasts, and that action, if the policy sees it.
         """
-        return {"lstm": 2, "rnn": 1, "none": 0}[self.core_type] * self.hidden_size + self.echo_size
+        return self._core_state_size + self.noise_size + self.echo_size
+
+    @property
+    def _core_state_size(self) -> int:
+        return {"lstm": 2, "rnn": 1, "none": 0}[self.core_type] * self.hidden_size
 
     def remember(
         self, observations: Tensor, state: Tensor | None = None, actions: Tensor | None = None
@@ -198,15 +222,21 @@ class RecurrentPolicy(nn.Module):
 
         Returns:
             Features ``(T, B, H)`` and the state ``(B, state_size)`` after the last step, zero where it would hold the
-            last action if that was not given.
+            last action if that was not given, and the noise in it.
         """
+        core_state = None if state is None else state[:, : self._core_state_size]
         if not self.echo_size:
-            return self._run_core(observations, state)
-        echoes = self._echoes(observations, actions)
-        if state is not None:
-            echoes[0], state = state[:, -self.echo_size :], state[:, : -self.echo_size]
-        features, after = self._run_core(torch.cat((observations, echoes[:-1]), -1), state)
-        return features, torch.cat((after, echoes[-1]), -1)
+            features, after = self._run_core(observations, core_state)
+        else:
+            echoes = self._echoes(observations, actions)
+            if state is not None:
+                echoes[0] = state[:, -self.echo_size :]
+            features, after = self._run_core(torch.cat((observations, echoes[:-1]), -1), core_state)
+            after = torch.cat((after, echoes[-1]), -1)
+        if self.noise_size:
+            quiet = after.new_zeros(len(after), self.noise_size)
+            after = torch.cat((after[:, : self._core_state_size], quiet, after[:, self._core_state_size :]), -1)
+        return features, after
 
     def unroll(
         self, observations: Tensor, actions: Tensor, lengths: NDArray[np.int64], state: Tensor | None = None
@@ -227,7 +257,7 @@ class RecurrentPolicy(nn.Module):
         inputs = (
             torch.cat((observations, self._echoes(observations, actions)[:-1]), -1) if self.echo_size else observations
         )
-        return run_in_buckets(lambda part: self._run_core(part, None)[0], inputs, lengths)
+        return run_in_buckets(self._features, inputs, lengths)
 
     def _echoes(self, observations: Tensor, actions: Tensor | None) -> Tensor:
         """The action before each step and after the last one, ``(T + 1, B, echo_size)``, zero before the first."""
@@ -238,6 +268,11 @@ class RecurrentPolicy(nn.Module):
         elif steps > 1:
             raise ValueError("a policy that sees its previous action needs the actions of an episode")
         return echoes
+
+    def _features(self, inputs: Tensor) -> Tensor:
+        """What the core makes of whole episodes ``(T, B, I)``: ``(T, B, H)``."""
+        features: Tensor = torch.tanh(self.core(inputs)) if self.core_type == "none" else self.core(inputs)[0]
+        return features
 
     def _run_core(self, inputs: Tensor, state: Tensor | None) -> tuple[Tensor, Tensor]:
         n = self.hidden_size
@@ -250,12 +285,41 @@ class RecurrentPolicy(nn.Module):
             return features, h[0]
         return torch.tanh(self.core(inputs)), inputs.new_zeros(inputs.shape[1], 0)
 
+    def distribution(self, features: Tensor, actions: Tensor | None = None, state: Tensor | None = None) -> Tensor:
+        """The head's parameters ``(T, B, n_outputs)``, given the history.
+
+        Args:
+            features: ``(T, B, H)``.
+            actions: ``(T, B, action_size)``, those taken; needed if noise lasts and T > 1.
+            state: ``(B, state_size)`` before the first step; zeros if None.
+        """
+        outputs: Tensor = self.readout(features)
+        if not self.noise_size:
+            return outputs
+        mean, others = outputs.tensor_split([self.noise_size], -1)
+        first = self._core_state_size
+        noise = torch.zeros_like(mean)  # in the action before each step
+        if state is not None:
+            noise[0] = state[:, first : first + self.noise_size]
+        if len(mean) > 1:
+            if actions is None:
+                raise ValueError("a policy whose noise lasts needs the actions of an episode")
+            noise[1:] = actions[:-1] - mean[:-1]
+        return torch.cat((mean + self.noise_memory * noise, others), -1)
+
+    def _remember_noise(self, features: Tensor, action: Tensor, state: Tensor) -> None:
+        """Put the noise in an action ``(B, action_size)``, taken with features ``(B, H)``, into the state after it."""
+        first = self._core_state_size
+        state[:, first : first + self.noise_size] = action - self.readout(features)[:, : self.noise_size]
+
     def forward(
         self, observations: Tensor, state: Tensor | None = None, actions: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The head's parameters ``(T, B, n_outputs)`` for whole episodes, and the state; see ``remember``."""
         features, after = self.remember(observations, state, actions)
-        return self.readout(features), after
+        if self.noise_size and actions is not None:
+            self._remember_noise(features[-1], actions[-1], after)
+        return self.distribution(features, actions, state), after
 
     @torch.no_grad()
     def act(self, observation: Tensor, state: Tensor | None, uniforms: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -269,15 +333,18 @@ class RecurrentPolicy(nn.Module):
         Returns:
             Actions ``(B, action_size)`` and the next state.
         """
-        outputs, state = self(observation[None], state)
-        actions = self.head.mode(outputs[0]) if uniforms is None else self.head.sample(outputs[0], uniforms)
+        features, after = self.remember(observation[None], state)
+        (outputs,) = self.distribution(features, state=state)
+        actions = self.head.mode(outputs) if uniforms is None else self.head.sample(outputs, uniforms)
+        if self.noise_size:
+            self._remember_noise(features[0], actions, after)
         if self.echo_size:
-            state[:, -self.echo_size :] = self.head.echo(actions)
-        return actions, state
+            after[:, -self.echo_size :] = self.head.echo(actions)
+        return actions, after
 
     def vector(self) -> NDArray[np.float64]:
         """The free parameters as one flat copy ``(P,)``."""
-        parts = [p.detach().numpy() for p in self.free_parameters()]
+        parts = [p.numpy(force=True) for p in self._free]
         return np.concatenate(parts, axis=None, dtype=np.float64)
 
     def load_vector(self, vector: NDArray[np.floating]) -> None:
@@ -308,4 +375,5 @@ class RecurrentPolicy(nn.Module):
             self.bias,
             self.has_readout,
             self.echo_size > 0,
+            self.noise_memory,
         )

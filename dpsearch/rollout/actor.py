@@ -93,7 +93,7 @@ class LaneActor:
             compiled.forward(compiled.sizes, weights, observation, self._hidden[b], self._scratch, self._output)
             draw(self._key, self._episode[b], self._time[b], ACTION, self._noise)
             self._choose(compiled.head_sizes, self._noise, self._output, self._action[b])
-            remember_action(compiled.sizes, compiled.head_sizes, self._action[b], self._hidden[b])
+            remember_action(compiled.sizes, compiled.head_sizes, self._output, self._action[b], self._hidden[b])
         self._time += 1
         actions: NDArray[np.float64] = self._action.swapaxes(1, 2).reshape(len(self._padded), -1)[:lanes]
         return actions

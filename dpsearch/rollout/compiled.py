@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass, field
+from functools import cache
 from typing import Any
 
 import gymnasium as gym
@@ -23,6 +24,7 @@ from dpsearch.kernels.lanes import (
     first_class,
     noise_rows,
 )
+from dpsearch.policies.compiled import CompiledPolicy
 from dpsearch.policies.recurrent import RecurrentPolicy
 from dpsearch.rollout.episodes import Episodes, clear_padding
 from dpsearch.rollout.lanes import play
@@ -56,7 +58,17 @@ class CompiledRollouts:
     def __post_init__(self) -> None:
         if self.max_steps < 1 or self.threads < 1:
             raise ValueError(f"max_steps and threads must be positive, got {self.max_steps} and {self.threads}")
-        self.observation_size = self.kernel.observation_size
+        kernel = self.kernel
+        self.observation_size = kernel.observation_size
+        rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
+        self._environment = (
+            first_class(kernel.reset, RESET),
+            first_class(kernel.observe, OBSERVE),
+            first_class(kernel.step, STEP),
+            kernel.floats,
+            kernel.ints,
+            np.array(rows),
+        )
 
     def close(self) -> None:
         """Let go of the threads; they come back when they are needed."""
@@ -118,24 +130,7 @@ class CompiledRollouts:
         kernel, compiled = self.kernel, policy.compiled()
         check_fit(policy, kernel.observation_size, kernel.action_size)
         weights = compiled.pack(weights)
-        env_rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
-        noise = 0 if greedy else noise_rows(compiled.draws)
-        policy_rows = [compiled.hidden_rows, compiled.scratch_rows, compiled.n_outputs, noise]
-        environment = (
-            first_class(kernel.reset, RESET),
-            first_class(kernel.observe, OBSERVE),
-            first_class(kernel.step, STEP),
-            kernel.floats,
-            kernel.ints,
-            np.array(env_rows),
-        )
-        agent = (
-            first_class(compiled.forward, FORWARD_SHARED if weights.ndim == 1 else FORWARD_LANES),
-            first_class(compiled.mode if greedy else compiled.sample, SAMPLE),
-            compiled.sizes,
-            compiled.head_sizes,
-            np.array(policy_rows),
-        )
+        agent = _agent(compiled, greedy, weights.ndim == 1)
         queue = np.zeros(1, np.int64)
         jobs = (np.uint64(key), episodes, candidates, self.max_steps, queue)
         n, steps = len(episodes), self.max_steps if record else 0  # memory costs nothing until it is written
@@ -147,7 +142,7 @@ class CompiledRollouts:
         def block(_: int) -> None:
             lanes = (weights, weights[None]) if weights.ndim == 1 else (np.zeros((weights.shape[1], LANES)), weights)
             outcome = (observations, actions, rewards, returns, lengths, terminated)
-            play(*environment, *agent, *lanes, *jobs, *outcome)
+            play(*self._environment, *agent, *lanes, *jobs, *outcome)
 
         if self.threads == 1 or len(episodes) <= 1:
             block(0)
@@ -159,3 +154,21 @@ class CompiledRollouts:
         played = observations[:longest], actions[:longest], rewards[:longest]
         clear_padding(*played, lengths)
         return Episodes(*played, lengths, terminated, returns)
+
+
+@cache
+def _agent(compiled: CompiledPolicy, greedy: bool, shared: bool) -> tuple[Any, Any, Any, Any, Any]:
+    """What ``play`` needs to know of a policy; remembered, as gathering it takes longer than a short episode."""
+    rows = [
+        compiled.hidden_rows,
+        compiled.scratch_rows,
+        compiled.n_outputs,
+        0 if greedy else noise_rows(compiled.draws),
+    ]
+    return (
+        first_class(compiled.forward, FORWARD_SHARED if shared else FORWARD_LANES),
+        first_class(compiled.mode if greedy else compiled.sample, SAMPLE),
+        compiled.sizes,
+        compiled.head_sizes,
+        np.array(rows),
+    )

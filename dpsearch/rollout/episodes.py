@@ -24,6 +24,19 @@ def _discount(values, lengths, factor, sums):  # type: ignore[no-untyped-def]
                 sums[t, b] = carried[b]
 
 
+@njit(types.UniTuple(types.float64, 2)(types.float32[:, ::1], types.int64[::1]), cache=True, nogil=True)
+def _moments(values, lengths):  # type: ignore[no-untyped-def]
+    sums, squares = np.zeros(lengths.shape[0]), np.zeros(lengths.shape[0])
+    origin = np.float64(values[0, 0])  # of the squares, so that none of their digits are lost
+    for t in range(values.shape[0]):
+        for b in range(lengths.shape[0]):
+            distance = values[t, b] - origin if t < lengths[b] else 0.0
+            sums[b] += distance
+            squares[b] += distance * distance
+    mean = sums.sum() / lengths.sum()
+    return origin + mean, max(squares.sum() / lengths.sum() - mean * mean, 0.0)
+
+
 @njit(
     types.void(types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1], types.int64[::1]),
     cache=True,
@@ -120,3 +133,8 @@ class Episodes:
         sums = np.zeros_like(values)
         _discount(np.ascontiguousarray(values), self.lengths if lengths is None else lengths, factor, sums)
         return sums
+
+    def moments(self, values: NDArray[np.float32]) -> tuple[float, float]:
+        """Mean and variance of values ``(T, B)`` over the steps that were played."""
+        mean, variance = _moments(np.ascontiguousarray(values, np.float32), self.lengths)
+        return mean, variance

@@ -133,7 +133,7 @@ def play(  # type: ignore[no-untyped-def]
         forward(policy_sizes, weights, observation, hidden, scratch, output)
         draw(key, episode, time, ACTION, action_noise)
         sample(head_sizes, action_noise, output, action)
-        remember_action(policy_sizes, head_sizes, action, hidden)
+        remember_action(policy_sizes, head_sizes, output, action, hidden)
         if record:
             for lane in range(LANES):
                 if job[lane] != _IDLE:

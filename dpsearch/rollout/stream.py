@@ -14,6 +14,7 @@ if anything: a car is put back where it left the road.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -131,6 +132,9 @@ class Stream:
             self._actions.append(action[0].copy())
             observation, reward, over, truncated, info = self._env.step(to_env_actions(action_space, action)[0])
             self._see(observation)
+            if not math.isfinite(reward):
+                where = f"step {len(self._actions)} of episode {self._episode}"
+                raise FloatingPointError(f"the environment paid a reward that is NaN or infinite at {where}")
             actions[t], rewards[t] = action[0], reward
             self._return += float(reward)
             if over or truncated:
@@ -141,8 +145,6 @@ class Stream:
                 self._begin(info.get("carry_on"))
                 self._take_up(actor)
                 memories.append(actor.memory[0])
-        if not np.isfinite(finished).all() or not np.isfinite(rewards).all():
-            raise FloatingPointError(f"the environment paid a reward that is NaN or infinite before step {steps}")
         if not ends or ends[-1] < steps:
             following[len(ends)] = self._observation
             ends.append(steps)

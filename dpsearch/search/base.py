@@ -152,6 +152,7 @@ class Search(ABC):
         self._best_evaluation = 0
         self._best_x = np.zeros(0)
         self._asked: Matrix | None = None
+        self._numbers = np.random.Generator(np.random.Philox())
 
     @staticmethod
     def default_population(dimension: int) -> int:
@@ -305,7 +306,18 @@ class Search(ABC):
 
     def _generator(self) -> np.random.Generator:
         """The random numbers of this generation."""
-        return np.random.Generator(np.random.Philox(key=self.seed, counter=self.generations << 128))
+        self._numbers.bit_generator.state = {  # a new generator would take as long as some searches do in all
+            "bit_generator": "Philox",
+            "state": {
+                "counter": np.array([0, 0, self.generations, 0], np.uint64),
+                "key": np.array([self.seed, 0], np.uint64),
+            },
+            "buffer": np.zeros(4, np.uint64),
+            "buffer_pos": 4,
+            "has_uint32": 0,
+            "uinteger": 0,
+        }
+        return self._numbers
 
 
 def one_blas_thread() -> AbstractContextManager[object]:

@@ -6,8 +6,6 @@ the newly drawn points need to be evaluated. All is done in local coordinates, i
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,27 +32,18 @@ def keep(log_ratio: Vector, refresh_rate: float, generator: np.random.Generator)
 
 
 def renew(
-    n: int,
-    dimension: int,
-    log_ratio: Callable[[Matrix], Vector],
-    refresh_rate: float,
-    generator: np.random.Generator,
+    n: int, shift: Vector, stretch: Matrix, log_volume: float, refresh_rate: float, generator: np.random.Generator
 ) -> Matrix:
     """Step two: new points ``(n, d)`` in the new distribution's local coordinates.
 
     Args:
         n: How many.
-        dimension: d.
-        log_ratio: Logarithm of new over old density at points ``(k, d)`` in the new local coordinates.
+        shift: ``(d,)``, where the new distribution's mean is in the old one's local coordinates.
+        stretch: Its factor there: ``(d, d)``, or ``(d,)`` if that is diagonal.
+        log_volume: Logarithm of the absolute value of the factor's determinant.
         refresh_rate: The minimal refresh rate eta: a draw is accepted with max(eta, 1 - old / new).
         generator: Source of randomness.
     """
-    accepted: list[Matrix] = []
-    missing = n
-    while missing > 0:
-        drawn = generator.standard_normal((max(4 * missing, 64), dimension))
-        chance = np.maximum(refresh_rate, -np.expm1(-np.maximum(log_ratio(drawn), -1.0)))  # below 0 eta is more anyway
-        fits = drawn[generator.random(len(drawn)) < chance][:missing]
-        accepted.append(fits)
-        missing -= len(fits)
-    return np.concatenate(accepted)
+    from dpsearch.kernels.rejection import renewed  # now, as importing Numba takes longer than many a search
+
+    return np.asarray(renewed(n, shift, np.atleast_2d(stretch), log_volume, refresh_rate, generator))

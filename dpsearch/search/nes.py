@@ -88,21 +88,21 @@ class NES(GaussianSearch):
 def regression_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
     """Least squares fit of utilities by y, y y^T - I and 1: the coefficients (shift ``(d,)``, M ``(d, d)``).
 
-    Columns are scaled so that they are orthonormal under N(0, I). Then the shortest of several solutions is the one
+    Regressors are scaled so that they are orthonormal under N(0, I). Then the shortest of several solutions is the one
     nearest to the old distribution in terms of the Kullback-Leibler divergence.
     """
     n, d = local.shape
     if n < 1 + d + d * (d + 1) // 2:
         return _from_inner_products(local, utilities)
-    i, j, diagonal, scale = _products(d)
-    regressors = np.ones((d + len(i) + 1, n))  # one a row
-    regressors[:d] = local.T
-    np.multiply(regressors[i], regressors[j], out=regressors[d:-1])
-    regressors[d:-1][diagonal] = (regressors[d:-1][diagonal] - 1.0) / np.sqrt(2.0)
-    coefficients = _solve(regressors @ regressors.T, regressors @ utilities)
-    m = np.zeros((d, d))
-    m[i, j] = m[j, i] = coefficients[d:-1] * scale
-    return coefficients[:d], m
+    from dpsearch.kernels.quadratic import normal_equations  # now, as importing Numba takes longer than many a search
+
+    b, a, scale = _products(d)
+    gram, right = np.empty((len(b), len(b))), np.empty(len(b))
+    normal_equations(np.ascontiguousarray(local), utilities, gram, right)
+    coefficients = np.zeros((d + 1, d + 1))
+    coefficients[b, a] = scale * _solve(gram, right)
+    m = coefficients[1:, 1:]
+    return coefficients[1:, 0], m + m.T
 
 
 def _from_inner_products(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
@@ -121,16 +121,16 @@ def exact_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
 
 
 @cache
-def _products(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Vector]:
-    """Which y_i y_j there are, where those with i = j stand, and what a coefficient of each means for M."""
-    i, j = np.triu_indices(d)
-    return i, j, np.flatnonzero(i == j), np.where(i == j, np.sqrt(0.5), 0.5)
+def _products(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Vector]:
+    """Where in a matrix each coefficient belongs, and what it means: half of M's symmetric pair, or the shift."""
+    b, a = np.tril_indices(d + 1)
+    return b, a, np.where(a == 0, 1.0, np.where(a == b, np.sqrt(0.125), 0.5))
 
 
 def _solve(gram: Matrix, right: Vector) -> Vector:
-    """The shortest solution of the normal equations."""
-    factor, solution, info = lapack.dposv(gram, right)
-    diagonal = np.diag(factor)
+    """The shortest solution of normal equations, of which only the upper triangle need be there."""
+    factor, solution, info = lapack.dposv(gram.T, right, lower=1)
+    diagonal = factor.diagonal()
     if info == 0 and diagonal.min() > 1e-6 * diagonal.max():
         return np.asarray(solution)
-    return np.asarray(np.linalg.lstsq(gram, right, rcond=None)[0])
+    return np.asarray(np.linalg.lstsq(np.triu(gram) + np.triu(gram, 1).T, right, rcond=None)[0])

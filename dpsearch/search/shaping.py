@@ -46,8 +46,9 @@ def _by_rank(fitness: Vector, utilities: Callable[[int], Vector]) -> Vector:
     order = np.argsort(-fitness, kind="stable")
     given = utilities(len(fitness))
     ranked = fitness[order]
-    starts = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])  # of each group of equals
-    if len(starts) < len(ranked):
+    differs = ranked[1:] != ranked[:-1]
+    if not differs.all():
+        starts = np.flatnonzero(np.r_[True, differs])  # of each group of equals
         sizes = np.diff(np.r_[starts, len(ranked)])
         given = np.repeat(np.add.reduceat(given, starts) / sizes, sizes)
     shared = np.empty(len(fitness))

@@ -24,6 +24,7 @@ others, torcs.sourceforge.net.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -64,6 +65,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         start: "line", or "random" for anywhere on the road.
         control_hz: Steps a second, from 10 to 200.
         stuck_seconds: Time off the road after which the car is stuck.
+        reward: Of a step on the road: "speed", or "progress" for the speed along the road.
         max_episode_steps: Steps after which an episode is cut off; 54,000 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 
@@ -92,6 +94,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         start: str = "line",
         control_hz: float = CONTROL_HZ,
         stuck_seconds: float = STUCK_SECONDS,
+        reward: str = "speed",
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
     ) -> None:
@@ -104,6 +107,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
             start=start,
             control_hz=control_hz,
             stuck_seconds=stuck_seconds,
+            reward=reward,
         )
         self.max_episode_steps = LONGEST if max_episode_steps is None else max_episode_steps
         if self.max_episode_steps < 1:
@@ -171,7 +175,10 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         except TorcsError as error:
             raise TorcsError(f"{error}; a reset starts it anew") from error
         position = 2.0 * state.to_middle / state.width
-        reward, self._stuck = referee.step(state.speed * KMH, position, _on_the_lap(state, simulator))
+        progress = None
+        if self.rules.reward == "progress":
+            progress = KMH * (state.speed * math.cos(state.angle) - state.slip * math.sin(state.angle))
+        reward, self._stuck = referee.step(state.speed * KMH, position, _on_the_lap(state, simulator), progress)
         self._elapsed += 1
         self._return += reward
         self._follow(state)

@@ -126,11 +126,11 @@ def _last_lap(drive: Drive) -> slice:
 def _road(task: str) -> tuple[np.ndarray[Any, Any], float]:
     """The middle line (m), ``(K, 2)``, and the road's width (m)."""
     if task.startswith("TORCS"):
-        env = TORCS()
+        env = TORCS("g-track-2")
         env.reset(seed=0)
         assert env.simulator is not None
         road = env.simulator.road()
         env.close()
         return road[:, :2], float(road[:, 2].mean())
-    task_known = Track.make_task()
+    task_known = Track.make_task("g-track-2", 15.0)
     return np.column_stack([task_known.shape.x, task_known.shape.y]), task_known.width

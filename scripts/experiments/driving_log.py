@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEPS_A_MINUTE = 1800  # 30 a second
+WORN_IN = 300.0  # s, before which a policy cannot fail: it still learns to stay on the road
+FAILED = 6.0  # s a minute off the road
 NO_LAP = 1800.0  # s: what counts as the lap time of a car that completes none, the thesis's half hour
 
 
@@ -76,6 +78,12 @@ class Drive:
         """The highest mean speed of a clean minute (km/h); 0 for none."""
         clean, ways = self._clean(STEPS_A_MINUTE)
         return float(np.where(clean, ways, 0.0).max(initial=0.0)) / 60.0 * 3.6
+
+    @property
+    def failed(self) -> bool:
+        """Whether the policy has failed: the last minute was off the road for a tenth, long after learning began."""
+        off = self.off_road[-STEPS_A_MINUTE:]
+        return len(self.off_road) >= 30.0 * WORN_IN and float(off.sum()) / 30.0 >= FAILED
 
     def _clean(self, step: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Whether so many steps from each on are clean, and the way driven in them (m).

@@ -66,7 +66,7 @@ def _gradient(algorithm: RPG, batch: Episodes, weights: NDArray[np.float32]) -> 
     """The estimate of section 3.3.2 with given R_t - b ``(T, N)``, flat."""
     policy = algorithm.policy
     observations, actions = torch.from_numpy(batch.observations), torch.from_numpy(batch.actions)
-    outputs = policy.readout(policy.unroll(observations, actions, batch.lengths))
+    outputs = policy.distribution(policy.unroll(observations, actions, batch.lengths), actions)
     eligibilities, _ = policy.head.eligibilities(
         outputs.detach(), actions, torch.from_numpy(weights.astype(np.float32) / len(batch))
     )

@@ -42,6 +42,9 @@ LATER: dict[str, Any] = {
     "restart_episodes": None,
     "update_steps": None,
     "init_std": None,
+    "noise_memory": 0.0,
+    "advantage_memory": 0.98,
+    "reward": "speed",
 }
 GOALS, EPISODES = 95, 100  # of the last hundred training episodes, those that must end at the goal
 

@@ -117,6 +117,12 @@ def test_greedy_candidates_of_a_deterministic_task_always_earn_the_same() -> Non
     assert algorithm.search.best.fitness > 1.9
 
 
+def test_a_fitness_that_tells_nothing_apart_is_said_to() -> None:
+    flat = searcher("xnes", env_kwargs={"reward": "failure"})
+    with pytest.warns(UserWarning, match="policies all have the same fitness, -1: the search has nothing"):
+        flat.learn(total_episodes=150)
+
+
 def test_the_mean_of_the_search_can_be_the_policy() -> None:
     algorithm = searcher("snes", "dpsearch/TMaze-v0", choice="mean").learn(total_updates=3)
     np.testing.assert_allclose(algorithm.policy.vector(), algorithm.search.mean, rtol=1e-6)

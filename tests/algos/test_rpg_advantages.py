@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from dpsearch.algos.advantages import generalised_advantages
 from tests.algos.makers import gradients, small_rpg
 
 
@@ -38,7 +39,7 @@ def test_advantages_are_sums_of_one_step_errors(trace: float) -> None:
     random, mask = np.random.default_rng(0), episodes.mask
     expected = (random.normal(size=mask.shape) * mask).astype(np.float32)
     surprises = (episodes.returns_to_go(0.9) - expected) * mask
-    advantages = rpg._advantages(episodes, surprises)
+    advantages = generalised_advantages(episodes, surprises, 0.9, trace)
     for n in range(6):
         length, rewards, b = episodes.lengths[n], episodes.rewards[:, n], np.append(expected[:, n], 0.0)
         errors = [rewards[t] + 0.9 * (b[t + 1] if t + 1 < length else 0.0) - b[t] for t in range(length)]
@@ -55,6 +56,14 @@ def test_advantages_are_scaled_over_many_batches_so_that_a_disaster_stays_large(
         rpg._running_scale(calm)
     rpg.updates += 1
     assert 10.0 < rpg._running_scale(disaster) < 20.0  # by itself it would be 100
+
+
+def test_a_scale_that_forgets_nothing_is_the_mean_over_all_batches() -> None:
+    rpg = small_rpg(normalise_advantages=True, advantage_memory=1.0)
+    sizes = np.array([8.0, *[0.5] * 199])
+    for rpg.updates, size in enumerate(sizes):
+        scale = rpg._running_scale(np.full(10, size, np.float32))
+    assert scale == pytest.approx(np.sqrt(np.square(sizes).mean()))
 
 
 def test_a_task_in_other_units_is_learned_alike_when_advantages_are_scaled() -> None:

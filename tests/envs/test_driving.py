@@ -65,6 +65,7 @@ def test_observations_are_shifted_and_scaled_in_the_order_that_was_asked_for() -
         ({"control_hz": 5}, "control_hz must be from 10 to 200, got 5"),
         ({"stuck_seconds": 0}, "stuck_seconds must be finite and positive, got 0"),
         ({"stuck_seconds": math.inf}, "stuck_seconds must be"),
+        ({"reward": "laps"}, "reward must be one of speed, progress, got 'laps'"),
     ],
 )
 def test_what_is_not_understood_is_refused(arguments: dict[str, Any], message: str) -> None:
@@ -98,6 +99,22 @@ def test_a_step_earns_the_speed_on_the_road_and_a_penalty_beside_it() -> None:
     assert referee.step(50.0, 0.0, 4.0) == (50.0, False)  # it got back in time
     assert [referee.step(50.0, 2.0, 5.0 + t) for t in range(3)] == [(-100.0, False), (-100.0, False), (-1000.0, True)]
     assert referee.carry_on() == {"driven_steps": 7, "distance": 4.0}
+
+
+def test_a_car_that_stands_on_the_road_is_stuck_in_the_end() -> None:
+    referee = Referee(driving_rules(stuck_seconds=0.1), 1000.0)
+    referee.reset(0, 0.0)
+    assert [referee.step(0.5, 0.9, 1.0) for _ in range(2)] == [(0.5, False)] * 2
+    assert referee.step(1.5, 0.9, 1.0) == (1.5, False)  # it got away in time
+    assert [referee.step(speed, 0.9, 1.0)[1] for speed in (0.5, -3.0, math.nan)] == [False, False, True]
+    assert not referee.off_road
+
+
+def test_progress_is_paid_where_it_is_asked_for() -> None:
+    referee = Referee(driving_rules(reward="progress"), 1000.0)
+    referee.reset(0, 0.0)
+    assert referee.step(50.0, 0.0, 1.0, -20.0) == (-20.0, False)
+    assert referee.step(50.0, 2.0, 1.0, 20.0) == (-100.0, False)
 
 
 def test_a_position_that_is_not_a_number_is_off_the_road() -> None:

@@ -106,9 +106,10 @@ def test_off_the_road_the_rays_see_nothing() -> None:
 # The rules
 
 
-def test_rewards_ends_laps_and_carrying_on_are_those_of_the_referee() -> None:
+@pytest.mark.parametrize("pays", ["speed", "progress"])
+def test_rewards_ends_laps_and_carrying_on_are_those_of_the_referee(pays: str) -> None:
     random = np.random.default_rng(1)
-    env = Track(track=CIRCLE, speed_profile=(40, 50, 20), stuck_seconds=1.0, max_episode_steps=3000)
+    env = Track(track=CIRCLE, speed_profile=(40, 50, 20), stuck_seconds=1.0, reward=pays, max_episode_steps=3000)
     referee = Referee(env.task.rules, env.task.shape.length)
     options: dict[str, Any] = {}
     ends, names = 0, env.task.rules.observations
@@ -119,7 +120,9 @@ def test_rewards_ends_laps_and_carrying_on_are_those_of_the_referee() -> None:
         while not over:
             action = steer_ahead(observation, names, CAR) + (unsteady and random.normal(0, 0.4))
             observation, reward, terminated, truncated, info = env.step(np.array([action]))
-            expected = referee.step(info["speed"], info["position"], info["distance"])
+            _, _, p, u, v, *_ = info["state"]
+            progress = KMH * (u * math.cos(p) - v * math.sin(p)) if pays == "progress" else None
+            expected = referee.step(info["speed"], info["position"], info["distance"], progress)
             assert reward == pytest.approx(expected[0])
             assert terminated == expected[1]
             known = {name: info[name] for name in referee.info(0.0, 0.0)}
@@ -289,7 +292,7 @@ def test_a_policy_gone_mad_does_no_harm(bad: float) -> None:
     stepper.reset(np.ones(3, np.bool_))
     stuck = np.zeros(3, np.bool_)
     for _ in range(600):
-        rewards, terminated = stepper.step(np.array([[bad, bad], [0.0, 0.0], [bad, 0.0]]))
+        rewards, terminated = stepper.step(np.array([[bad, bad], [0.0, 0.1], [bad, 0.0]]))
         stuck |= terminated
         stepper.observe()
         assert np.isfinite(rewards).all()

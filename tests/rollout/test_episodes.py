@@ -52,3 +52,13 @@ def test_their_first_steps_are_episodes_too() -> None:
     assert first.lengths.tolist() == [2, 1, 2, 2]
     assert first.terminated.tolist() == [False, False, False, True]
     np.testing.assert_allclose(first.returns, episodes.rewards[:2].sum(0), rtol=1e-6)
+
+
+def test_moments_are_those_of_the_steps_played() -> None:
+    episodes = some_episodes()
+    values = np.random.default_rng(1).normal(1000.0, 1.0, (5, 4)).astype(np.float32)
+    played = values[episodes.mask].astype(np.float64)
+    assert episodes.moments(values) == pytest.approx((played.mean(), played.var()), rel=1e-12)
+    values[~episodes.mask] = np.nan
+    assert episodes.moments(values) == pytest.approx((played.mean(), played.var()), rel=1e-12)
+    assert episodes.moments(np.full((5, 4), np.float32(0.1))) == (float(np.float32(0.1)), 0.0)

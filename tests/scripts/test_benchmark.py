@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from scripts import benchmark
-from scripts.benchmarks import probes, processes, searching, speed
+from scripts.benchmarks import probes, processes, searching, simulator, speed
 from scripts.benchmarks.measurement import Measurement
+from tests.envs.torcs_wanted import require_torcs
 
 
 def measured(values: list[float], at_least: float | None = None, at_most: float | None = None) -> Measurement:
@@ -54,6 +55,14 @@ def test_sampling_is_measured_in_steps_a_core_second(monkeypatch: pytest.MonkeyP
     rows = speed.sampling(1)
     assert len(rows) == 12
     assert all(row.median > 0.0 for row in rows)
+
+
+def test_torcs_is_measured_where_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    require_torcs()
+    monkeypatch.setattr(simulator, "STEPS", 10)
+    (row,) = simulator.torcs(2)
+    assert row.repeats == 2
+    assert row.median > 0.0
 
 
 def test_driving_is_measured_with_batches_of_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:

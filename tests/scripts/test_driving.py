@@ -42,6 +42,14 @@ def test_leaving_the_road_counts() -> None:
     assert book.best_lap == NO_LAP  # the only one noted left the road
 
 
+def test_a_policy_fails_that_is_off_the_road_for_a_tenth_of_the_last_minute() -> None:
+    assert not drive(72.0, 14_000).failed
+    assert drive(72.0, 14_000, slice(13_000, 13_180)).failed
+    assert not drive(72.0, 14_000, slice(13_000, 13_179)).failed
+    assert not drive(72.0, 14_000, slice(12_000, 12_200)).failed  # a minute ago
+    assert not drive(72.0, 8_000, slice(7_000, 8_000)).failed  # it still learns to drive
+
+
 def test_circles_are_not_driving() -> None:
     book = drive(20.0, 12_000, circling=True)
     assert book.clean_speed == 0.0

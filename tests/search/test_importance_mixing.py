@@ -58,14 +58,16 @@ def test_importance_mixing_keeps_the_search_distribution(refresh_rate: float, di
     assert 0.2 < search.evaluations / (6 * 8000) < 0.8  # some are kept and some are new
 
 
-def no_second_step(n: int, dimension: int, log_ratio: object, refresh_rate: float, rng: np.random.Generator) -> Array:
-    return rng.standard_normal((n, dimension))
+def no_second_step(
+    n: int, shift: Array, stretch: Array, log_volume: float, eta: float, rng: np.random.Generator
+) -> Array:
+    return rng.standard_normal((n, len(shift)))
 
 
 def no_refresh_in_step_two(
-    n: int, d: int, ratio: Callable[[Array], Array], eta: float, rng: np.random.Generator
+    n: int, shift: Array, stretch: Array, log_volume: float, eta: float, rng: np.random.Generator
 ) -> Array:
-    return renew(n, d, ratio, 0.0, rng)
+    return np.asarray(renew(n, shift, stretch, log_volume, 0.0, rng))
 
 
 def no_refresh_in_step_one(log_ratio: Array, refresh_rate: float, rng: np.random.Generator) -> Array:
@@ -98,6 +100,33 @@ def test_the_check_of_the_distribution_notices_a_wrong_step(
 ) -> None:
     monkeypatch.setattr(importance_mixing, step, wrong)
     assert min(surprise(p) for p in Marching(SHIFT, STRETCH, refresh_rate=0.3).march(4)) < 1e-6
+
+
+def renewed_plainly(
+    n: int, shift: Array, stretch: Array, log_volume: float, eta: float, rng: np.random.Generator
+) -> Array:
+    """Step two of section 4.5, a round of draws at a time."""
+    accepted = np.zeros((0, len(shift)))
+    while len(accepted) < n:
+        y = rng.standard_normal((max(4 * (n - len(accepted)), 64), len(shift)))
+        old = shift + (y * stretch if stretch.ndim == 1 else y @ stretch.T)
+        new_over_old = np.exp(0.5 * ((old**2).sum(axis=1) - (y**2).sum(axis=1)) - log_volume)
+        accepted = np.concatenate([accepted, y[rng.random(len(y)) < np.maximum(eta, 1.0 - 1.0 / new_over_old)]])
+    return accepted[:n]
+
+
+@pytest.mark.parametrize("diagonal", [False, True])
+@pytest.mark.parametrize(("n", "d"), [(1, 1), (1, 15), (40, 3), (200, 15)])
+def test_the_second_step_is_that_of_section_45_number_by_number(n: int, d: int, diagonal: bool) -> None:
+    rng = np.random.default_rng(n + d)
+    shift, stretch = 0.2 * rng.standard_normal(d), np.exp(0.1 * rng.standard_normal(d))
+    if not diagonal:
+        stretch = np.diag(stretch) + 0.05 * rng.standard_normal((d, d))
+    volume = float(np.log(stretch).sum() if diagonal else np.linalg.slogdet(stretch)[1])
+    compiled, plain = (
+        step(n, shift, stretch, volume, 0.05, np.random.default_rng(1)) for step in (renew, renewed_plainly)
+    )
+    np.testing.assert_array_equal(compiled, plain)
 
 
 def test_points_that_stay_are_the_same_points() -> None:
