@@ -7,8 +7,9 @@ to do again what it did, the more so the better it went.
     M-step    theta  =  argmax  sum_i u_i sum_t log pi(a_t | h_t)       until it generalises no more   (6.3, 6.2.4)
               tau    =  sum_i u_i / sum_i u_i (R_i - min R)                                            (6.4)
 
-The one thing to understand: the weights say which episodes to imitate, and are never negative. What the policy did is
-its only teacher, so an action that was not tried in a batch cannot be learned from it.
+The one thing to understand: utilities are never negative, so a policy is taught even by what went badly, and with few
+episodes mostly by chance. How often it takes each action is known, though: the mean utility's share of the sum is put
+in exactly, as the cross-entropy with the policy that played, and only differences in utility are left to be sampled.
 """
 
 from __future__ import annotations
@@ -24,59 +25,69 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
-from dpsearch.algos.base import BASELINE, Algorithm, Env, Metrics
-from dpsearch.algos.history_baseline import HistoryBaseline
+from dpsearch.algos.base import Algorithm, Env, Metrics
+from dpsearch.algos.baselines import SharedBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import require
-from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig
 from dpsearch.rollout import Episodes
 
-UTILITIES = ("exponential", "rank")
-BASELINES = ("none", "history")
+BASELINES = ("none", "shared")
 LOSSES = ("likelihood", "squared")
+SCALE_MEMORY = 0.98  # of the running scale of gains, from batch to batch
+FADED = 1e-3  # steps that count for less, by discount, are left out
 
 
 @dataclass
 class LRWRConfig:
-    """How LRWR learns. The defaults are the thesis's (section 6.3.6).
+    """How LRWR learns. The defaults are the thesis's (section 6.3.6), and where it is silent, what measures best.
 
     Attributes:
         batch_size: Episodes N of one EM step, at least 2 (thesis: 30, and 75 on CheeseMaze and T-maze).
         gamma: Discount factor of the returns, in (0, 1].
-        utility: ``"exponential"``: u = exp(tau R), scaled so that the best of a batch weighs 1. ``"rank"``: the better
-            half of a batch weighs from 0 to 1 by rank, whatever the size of the returns.
-        baseline: ``"none"``: an episode's utility counts for all of its steps. ``"history"``: each step has a utility
-            of its own, by how much better than expected the return from there on was; what to expect, a second LSTM
-            learns (section 6.4).
+        baseline: ``"none"``: an episode's utility counts for all of its steps. ``"shared"``: each step has a utility of
+            its own, by how much better than expected the return from there on was (section 6.4); what to expect is a
+            linear read-out of the policy's memory, trained along with it.
+        baseline_weight: Weight of the shared baseline's squared error, in units of the mean square gain.
+        discount_steps: Count step t of an episode by gamma^t. The return at t = 0 says no more than that about what was
+            done at t; the rest is chance, which in episodes of 1000 steps drowns everything. It has no place where
+            steps have gains of their own.
+        control_variate: Put the mean utility's share of the log-likelihood in exactly, for all actions by their
+            probabilities, and sample the rest only. The expected loss stays what it is, with less noise.
         tau: How steeply exponential utility rises at first, per unit of return (thesis: 1); None for what equation 6.4
             gives if all episodes of the first batch count alike. With 1, and returns from -100 to 10, a single lucky
             episode would be all there is to imitate.
-        adapt_tau: Adapt it after each EM step, equation 6.4. Utility by rank has no use for tau.
+        steepness: If given, tau is this over the gains' root mean square in recent batches, instead of equation 6.4's,
+            which one disaster in a batch makes too small to tell the rest apart.
         loss: ``"likelihood"``: weighted log-likelihood, what section 6.2.4 derives. ``"squared"``: squared error of the
-            probabilities, as algorithm 6.1 approximates it.
+            probabilities, as algorithm 6.1 approximates it; without a control variate.
         held_out: Part of a batch that is not trained on but says when to stop, in [0, 1); 0 trains ``max_epochs``.
-        patience: Epochs without improvement on the held-out episodes after which training ends, and the best weights so
-            far are put back.
-        max_epochs: Most epochs in one EM step; the weights are then the last ones. An epoch is one step along the
-            gradient of the whole batch.
-        optimizer: Name of a class in ``torch.optim``; it begins anew in each EM step.
+        patience: Epochs without improvement on the held-out episodes after which training ends.
+        max_epochs: Most epochs in one EM step. An epoch is one step along the gradient of the whole batch. In the end
+            the weights that were best on the held-out episodes are put back, but no earlier ones than after one step:
+            what a few episodes say about that is mostly chance, and many batches would teach nothing.
+        optimizer: Name of a class in ``torch.optim``. What it remembers, such as its momentum, is kept from one EM step
+            to the next, so that what batches agree on adds up.
         learning_rate: Its step size, for the loss summed over all steps of the batch, by weight.
+        learning_rate_halflife: Updates after which the step size has fallen to half; None keeps it.
         optimizer_options: Its other arguments; None is a momentum of 0.95 for SGD, and its own defaults for others.
     """
 
     batch_size: int = 30
     gamma: float = 0.98
-    utility: str = "exponential"
     baseline: str = "none"
+    baseline_weight: float = 0.03
+    discount_steps: bool = True
+    control_variate: bool = True
     tau: float | None = None
-    adapt_tau: bool = True
+    steepness: float | None = None
     loss: str = "likelihood"
     held_out: float = 1.0 / 3.0
-    patience: int = 5
-    max_epochs: int = 100
+    patience: int = 10
+    max_epochs: int = 30
     optimizer: str = "SGD"
     learning_rate: float = 0.002
+    learning_rate_halflife: float | None = None
     optimizer_options: Any = None  # a dict: OmegaConf cannot merge one into an optional one
 
     def __post_init__(self) -> None:
@@ -86,17 +97,25 @@ class LRWRConfig:
             {
                 "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 2, "a whole number, at least 2"),
                 "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
-                "utility": (self.utility in UTILITIES, f"one of {', '.join(UTILITIES)}"),
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
-                "tau": (self.tau is None or 0.0 < self.tau < math.inf, "positive and finite, or null"),
+                "baseline_weight": (0.0 <= self.baseline_weight < math.inf, "0 or more"),
+                "discount_steps": (not self.discount_steps or self.baseline == "none", "false with a baseline"),
+                "tau": (_positive(self.tau), "positive and finite, or null"),
+                "steepness": (_positive(self.steepness), "positive and finite, or null"),
                 "loss": (self.loss in LOSSES, f"one of {', '.join(LOSSES)}"),
+                "control_variate": (not self.control_variate or self.loss == "likelihood", "false with loss=squared"),
                 "held_out": (0.0 <= self.held_out < 1.0, "in [0, 1)"),
                 "patience": (isinstance(self.patience, int) and self.patience >= 1, "a whole number, at least 1"),
                 "max_epochs": (isinstance(self.max_epochs, int) and self.max_epochs >= 1, "a whole number, at least 1"),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
+                "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
             },
         )
+
+
+def _positive(value: float | None) -> bool:
+    return value is None or 0.0 < value < math.inf
 
 
 class LRWR(Algorithm[LRWRConfig]):
@@ -114,16 +133,14 @@ class LRWR(Algorithm[LRWRConfig]):
         super().__init__(env, config, **options)
         self.tau = self.config.tau
         self.parameters = self.policy.free_parameters()
-        self.baseline: HistoryBaseline | None = None
-        if self.config.baseline == "history":
-            self.baseline = HistoryBaseline(
-                self.policy.observation_size,
-                self.policy.head,
-                seed=stream_key(self.seed, BASELINE) >> 1,
-            )
-
-        self._make_optimizer()  # refused now if its options are wrong, not when it learns; the loss likewise
-        self._losses(torch.zeros(1, self.policy.head.n_outputs), torch.zeros(1, self.policy.head.action_size))
+        self.baseline: SharedBaseline | None = None
+        if self.config.baseline == "shared":
+            self.baseline = SharedBaseline(self.policy.hidden_size, self.config.baseline_weight)
+            self.parameters = [*self.parameters, *self.baseline.parameters()]
+        self._mean_square = 0.0  # of the gains, a moving average over batches
+        self.optimizer = self._make_optimizer()
+        head = self.policy.head
+        self._distances(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size))  # refused now, if it is
 
     def _make_optimizer(self) -> torch.optim.Optimizer:
         config = self.config
@@ -134,20 +151,29 @@ class LRWR(Algorithm[LRWRConfig]):
 
     def update(self) -> Metrics:
         """One EM step: play a batch, imitate its best episodes, adapt tau (algorithm 6.1)."""
-        start = perf_counter()
-        episodes = self.play_batch(self.config.batch_size)
+        start, config = perf_counter(), self.config
+        played = self.play_batch(config.batch_size)
         sampled = perf_counter()
-        gains, steps = self._gains(episodes)  # (M,), of M episodes or steps, and which of them each step is, (T, N)
-        if self.tau is None:
+        episodes = played.first(self._horizon)
+        returns = played.returns_to_go(config.gamma)[: len(episodes.rewards)]  # R_t, (T, N)
+        features = self._remember(episodes)  # (T, N, H)
+        gains, whose = self._gains(episodes, returns, features)  # (M,) and (T, N)
+        self._mean_square += (1.0 - SCALE_MEMORY) * (float(np.square(gains).mean()) - self._mean_square)
+        if config.steepness is not None:
+            self.tau = config.steepness / self._scale
+        elif self.tau is None:
             self.tau = adapted_tau(gains, np.ones(len(gains))) or 1.0
-        utilities = self.utilities(gains, self.tau)  # (M,)
-        epochs = self.imitate(episodes, utilities[steps])
-        if self.config.adapt_tau:
+        utilities = np.exp(self.tau * (gains - gains.max()))  # (M,), the best one 1, equation 6.2
+        if config.learning_rate_halflife is not None:
+            for group in self.optimizer.param_groups:
+                group["lr"] = config.learning_rate * 0.5 ** (self.updates / config.learning_rate_halflife)
+        epochs = self.imitate(episodes, utilities[whose], features, returns)
+        if config.steepness is None:
             self.tau = adapted_tau(gains, utilities) or self.tau
         self.updates += 1
         return {
-            "return": float(episodes.returns.mean()),
-            "episode_length": episodes.steps / len(episodes),
+            "return": float(played.returns.mean()),
+            "episode_length": played.steps / len(played),
             "tau": self.tau,
             "effective_part": float(utilities.sum() ** 2 / np.square(utilities).sum()) / len(utilities),
             "epochs": epochs,
@@ -155,61 +181,103 @@ class LRWR(Algorithm[LRWRConfig]):
             "time/imitate": perf_counter() - sampled,
         }
 
-    def _gains(self, episodes: Episodes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    @property
+    def _horizon(self) -> int | None:
+        """Steps of an episode after which, by discount, the others count for nothing; None if all count."""
+        gamma = self.config.gamma
+        return math.ceil(math.log(FADED) / math.log(gamma)) if self.config.discount_steps and gamma < 1.0 else None
+
+    def _remember(self, episodes: Episodes) -> Tensor:
+        """The policy's memory, ``(T, N, H)``, with the graph that leads to its weights."""
+        observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
+        return self.policy.unroll(observations, actions, episodes.seen)
+
+    def _gains(
+        self, episodes: Episodes, returns: NDArray[np.float32], features: Tensor
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """What utilities judge, ``(M,)``, and whose utility counts for each step, ``(T, N)``: episodes', or steps'."""
         mask = episodes.mask
-        returns = episodes.returns_to_go(self.config.gamma)  # R_t, (T, N)
         if self.baseline is None:
             return returns[0].astype(np.float64), np.broadcast_to(np.arange(len(episodes)), mask.shape)
-        expected, _ = self.baseline(episodes, torch.empty(0), returns, mask)
-        return (returns - expected)[mask].astype(np.float64), np.cumsum(mask).reshape(mask.shape) - 1
+        surprises = returns - self.baseline.expected(episodes, features)
+        return surprises[mask].astype(np.float64), np.cumsum(mask).reshape(mask.shape) - 1
 
-    def utilities(self, gains: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
-        """How much each episode or step counts, by its gain ``(M,)``: in [0, 1], the best one 1 (equation 6.2)."""
-        if self.config.utility == "exponential":
-            weights: NDArray[np.float64] = np.exp(tau * (gains - gains.max()))
-            return weights
-        ranks = np.searchsorted(np.sort(gains), gains, side="right") / len(gains)  # equals share the best rank
-        return np.maximum(2.0 * ranks - 1.0, 0.0)
+    @property
+    def _scale(self) -> float:
+        """Root mean square of the gains of the last batch and, less and less, those before."""
+        return max(math.sqrt(self._mean_square / (1.0 - SCALE_MEMORY ** (self.updates + 1))), 1e-8)
 
-    def imitate(self, episodes: Episodes, utilities: NDArray[np.float64]) -> int:
+    def imitate(
+        self, episodes: Episodes, utilities: NDArray[np.float64], features: Tensor, returns: NDArray[np.float32]
+    ) -> int:
         """Train the policy to do what it did until it generalises no more (6.2.4).
 
         Args:
             episodes: What it did.
             utilities: How much each step counts, ``(T, N)``.
+            features: What it remembered as it did it, ``(T, N, H)``, with the graph that leads to its weights.
+            returns: R_t, ``(T, N)``, for the baseline to learn.
 
         Returns:
             Gradient steps taken.
         """
-        config = self.config
-        observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
+        config, mask = self.config, episodes.mask
         n_held = min(round(config.held_out * len(episodes)), len(episodes) - 1)  # the last ones: all are alike
         held = np.arange(len(episodes)) >= len(episodes) - n_held
-        weights = torch.from_numpy((utilities * episodes.mask).astype(np.float32))
-        train = weights[:, ~held]
-        optimizer = self._make_optimizer()
+        fading = config.gamma ** np.arange(len(mask)) if config.discount_steps else np.ones(len(mask))
+        counted = mask * fading[:, None]  # (T, N)
+        weights = torch.from_numpy((utilities * counted).astype(np.float32))
+        mean = float(utilities[mask].mean())
+        known = torch.from_numpy((mean * counted).astype(np.float32)) if config.control_variate else None
+        actions = torch.from_numpy(episodes.actions)
+        before = self.policy.distribution(features, actions).detach()  # (T, N, K)
         best, best_loss, since = self.policy.vector(), math.inf, 0
-        for epoch in range(config.max_epochs):
-            outputs, _ = self.policy(observations, actions=actions)  # (T, N, K)
+        epochs = 0
+        while True:
+            outputs = self.policy.distribution(features, actions)
+            losses = self._losses(outputs, actions, before, weights, known)
             if n_held:
-                unseen = float((self._losses(outputs[:, held].detach(), actions[:, held]) * weights[:, held]).sum())
-                if unseen < best_loss:
-                    best, best_loss, since = self.policy.vector(), unseen, 0
-                else:
-                    since += 1
-                if since >= config.patience:
+                unseen = float(losses.detach()[:, held].sum())
+                since = 0 if unseen < best_loss or epochs <= 1 else since + 1
+                if since == 0:
+                    best, best_loss = self.policy.vector(), unseen
+                if since >= config.patience or epochs == config.max_epochs:
                     self.policy.load_vector(best)
-                    return epoch
-            optimizer.zero_grad()
-            loss = (self._losses(outputs[:, ~held], actions[:, ~held]) * train).sum()
+                    return epochs
+            loss = losses[:, ~held].sum()
+            if self.baseline is not None:
+                _, error = self.baseline(episodes, features, returns, mask & ~held)
+                loss = loss + mean / self._scale**2 * error
             if not torch.isfinite(loss):
                 raise FloatingPointError(f"the loss of update {self.updates} is not finite: the steps are too large")
+            for parameter in self.parameters:
+                parameter.grad = None  # optimizer.zero_grad() takes ten times longer
             loss.backward()
-            optimizer.step()
-        return config.max_epochs
+            self.optimizer.step()
+            epochs += 1
+            if epochs == config.max_epochs and not n_held:
+                return epochs
+            features = self._remember(episodes)
 
-    def _losses(self, outputs: Tensor, actions: Tensor) -> Tensor:
+    def _losses(
+        self, outputs: Tensor, actions: Tensor, before: Tensor, weights: Tensor, known: Tensor | None
+    ) -> Tensor:
+        """Equation 6.2.4 by steps, ``(T, N)``.
+
+        Args:
+            outputs: The policy's, ``(T, N, K)``.
+            actions: Those taken, ``(T, N, A)``.
+            before: What its outputs were when it took them, ``(T, N, K)``.
+            weights: How much each step counts, ``(T, N)``.
+            known: The part of it that goes to all actions by their probabilities, ``(T, N)``; None without a control
+                variate.
+        """
+        if known is None:
+            return weights * self._distances(outputs, actions)
+        crossed = self.policy.head.cross_entropy(before, outputs)
+        return (weights - known) * self._distances(outputs, actions) + known * crossed
+
+    def _distances(self, outputs: Tensor, actions: Tensor) -> Tensor:
         """How far the policy is from doing what was done, ``(T, N)``."""
         head = self.policy.head
         return (
@@ -220,15 +288,22 @@ class LRWR(Algorithm[LRWRConfig]):
 
     @override
     def state_dict(self) -> dict[str, Any]:
-        baseline = None if self.baseline is None else self.baseline.state_dict()
-        return {**super().state_dict(), "tau": self.tau, "baseline": baseline}
+        return {
+            **super().state_dict(),
+            "tau": self.tau,
+            "optimizer": self.optimizer.state_dict(),
+            "baseline": None if self.baseline is None else self.baseline.state_dict(),
+            "mean_square": self._mean_square,
+        }
 
     @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
         super().load_state_dict(state)
         self.tau = state["tau"]
+        self.optimizer.load_state_dict(state["optimizer"])
         if self.baseline is not None:
             self.baseline.load_state_dict(state["baseline"])
+        self._mean_square = state["mean_square"]
 
 
 def adapted_tau(gains: NDArray[np.float64], utilities: NDArray[np.float64]) -> float | None:

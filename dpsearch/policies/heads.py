@@ -59,6 +59,10 @@ class Head(ABC):
     def mode(self, outputs: Tensor) -> Tensor:
         """The most probable actions ``(..., action_size)``: what the greedy policy does."""
 
+    @abstractmethod
+    def cross_entropy(self, before: Tensor, outputs: Tensor) -> Tensor:
+        """Minus the mean log pi(a|h) of actions that other outputs ``before`` would pick, in nats, ``(...)``."""
+
     def eligibilities(
         self, outputs: Tensor, actions: Tensor, weights: Tensor, bonus: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
@@ -160,6 +164,11 @@ class Categorical(Head):
         return -torch.stack([(log_p.exp() * log_p).sum(0) for log_p in self._log_softmax(outputs)]).sum(0)
 
     @override
+    def cross_entropy(self, before: Tensor, outputs: Tensor) -> Tensor:
+        groups = zip(self._log_softmax(before), self._log_softmax(outputs), strict=True)
+        return -torch.stack([(log_q.exp() * log_p).sum(0) for log_q, log_p in groups]).sum(0)
+
+    @override
     def squared_error(self, outputs: Tensor, actions: Tensor) -> Tensor:
         chosen = actions.movedim(-1, 0).long()
         errors = []
@@ -252,6 +261,14 @@ class Gaussian(Head):
         return (log_std + 0.5 + LOG_SQRT_2PI).sum(-1)
 
     @override
+    def cross_entropy(self, before: Tensor, outputs: Tensor) -> Tensor:
+        mean, std = self._mean_and_std(outputs)
+        mean_before, std_before = self._mean_and_std(before)
+        log_std = torch.nn.functional.logsigmoid(outputs[..., self.size :])
+        squares = std_before.square() + (mean_before - mean).square()
+        return (0.5 * squares / std.square() + log_std + LOG_SQRT_2PI).sum(-1)
+
+    @override
     def fisher(self, outputs: Tensor, changes: Tensor) -> Tensor:
         _, std = self._mean_and_std(outputs)
         of_mean, of_raw_std = changes.split(self.size, dim=-1)
@@ -291,6 +308,10 @@ class Deterministic(Head):
 
     @override
     def entropy(self, outputs: Tensor) -> Tensor:
+        raise TypeError("a deterministic head has no entropy: use it with a black-box search")
+
+    @override
+    def cross_entropy(self, before: Tensor, outputs: Tensor) -> Tensor:
         raise TypeError("a deterministic head has no entropy: use it with a black-box search")
 
     @override

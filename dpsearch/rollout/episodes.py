@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numba import njit, types
@@ -94,6 +95,20 @@ class Episodes:
     def state(self) -> NDArray[np.float32] | None:
         """``(B, state_size)``, the recurrent state before the first step; None for zeros."""
         return None
+
+    def first(self, steps: int | None) -> Self:
+        """As if no episode had gone on after so many steps; all of them if None."""
+        if steps is None or steps >= len(self.rewards):
+            return self
+        return replace(
+            self,
+            observations=self.observations[:steps],
+            actions=self.actions[:steps],
+            rewards=self.rewards[:steps],
+            lengths=np.minimum(self.lengths, steps),
+            terminated=self.terminated & (self.lengths <= steps),
+            returns=self.rewards[:steps].sum(0, dtype=np.float64),
+        )
 
     def returns_to_go(self, gamma: float, expected: NDArray[np.float32] | float | None = None) -> NDArray[np.float32]:
         """R_t, the discounted return from step t on, ``(T, B)``; zero beyond an episode's end (section 2.1).

@@ -58,12 +58,8 @@ BATCHED = {  # the setting that the thesis's batch size is of
     CMAES.name: "algo.population",
 }
 LONGER = ("algo.entropy_halflife=100", "algo.learning_rate_halflife=646")  # of RPG, for 1500 updates instead of 600
-OWN = {  # what some tasks need, by method and the task's config or name
-    (LRWR.name, "shuttle"): ("experiment=pomdps_lrwr_shuttle",),
-    (LRWR.name, "tmaze"): ("experiment=pomdps_lrwr_tmaze",),
-    (LRWR.name, "maze4x3"): (*LRWR.overrides, "algo.utility=rank"),
-    (LRWR.name, "cheese_anywhere"): (*LRWR.overrides, "algo.utility=rank"),
-    **{(RPG.name, task.name): (*RPG.overrides, *LONGER) for task in TASKS.values() if task.batch > 30},
+OWN = {  # what some tasks need, by method and task
+    (RPG.name, task.name): (*RPG.overrides, *LONGER) for task in TASKS.values() if task.batch > 30
 }
 
 # Table 7.2, and table 6.1 for the greedy policies of LRWR
@@ -146,7 +142,7 @@ def cell(method: Method, task: PomdpTask) -> Cell:
     """One method on one task."""
     batched = (f"{BATCHED[method.name]}={task.batch}",) if method.name in BATCHED else ()
     chosen = (f"env={task.env}", *task.overrides, f"total_episodes={task.episodes}", "total_steps=null")
-    settings = OWN.get((method.name, task.name)) or OWN.get((method.name, task.env)) or method.overrides
+    settings = OWN.get((method.name, task.name), method.overrides)
     overrides = (*settings, *chosen, *batched)
     family, theirs = method.name.removesuffix("_thesis"), THESIS.get(task.name, {})
     thesis = {f"{SAMPLED}_thesis_metric": theirs[family]} if family in theirs else {}

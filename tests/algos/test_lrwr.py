@@ -14,6 +14,7 @@ from dpsearch.algos import LRWR, LRWRConfig
 from dpsearch.algos.lrwr import adapted_tau
 from dpsearch.policies import PolicyConfig
 from dpsearch.rollout import Episodes
+from scripts.experiments.training import compose
 
 TIGER = "dpsearch.envs:dpsearch/Tiger-v0"
 TMAZE = "dpsearch.envs:dpsearch/TMaze-v0"
@@ -30,32 +31,69 @@ def probabilities(lrwr: LRWR) -> Any:
     return outputs[0, 0].softmax(0).detach().numpy()
 
 
-@pytest.mark.parametrize("utility", ["exponential", "rank"])
-def test_an_em_step_repeats_each_choice_as_often_as_it_is_worth(utility: str) -> None:
+def imitate(lrwr: LRWR, episodes: Episodes, utilities: Any) -> int:
+    episodes = episodes.first(lrwr._horizon)
+    utilities = np.broadcast_to(utilities, episodes.mask.shape)
+    return lrwr.imitate(episodes, utilities, lrwr._remember(episodes), episodes.returns_to_go(0.98))
+
+
+def test_an_em_step_repeats_each_choice_as_often_as_it_is_worth() -> None:
     """The solution of (6.3) in closed form: pi(a) = sum of u where a was chosen / sum of u."""
-    settings: dict[str, Any] = {"tau": 0.01, "utility": utility, "held_out": 0.0, "max_epochs": 800}
-    settings |= {"optimizer": "Adam", "learning_rate": 0.02}
+    settings: dict[str, Any] = {"tau": 0.01, "held_out": 0.0, "max_epochs": 800, "optimizer": "Adam"}
     episodes = one_choice().play_batch(400)  # those that an algorithm of the same seed will learn from
-    lrwr = one_choice(batch_size=400, **settings).learn(total_updates=1)
-    rewards, actions = episodes.rewards[0].astype(float), episodes.actions[0, :, 0].astype(int)
-    if utility == "exponential":
-        weights = 0.01 * np.exp(0.01 * rewards)
-    else:
-        order = np.unique(rewards, return_inverse=True)[1]
-        at_most = np.cumsum(np.bincount(order))[order] / len(rewards)
-        weights = np.where(at_most > 0.5, 2 * at_most - 1, 0)
-    expected = np.bincount(actions, weights, minlength=3) / weights.sum()
+    lrwr = one_choice(batch_size=400, learning_rate=0.02, control_variate=False, **settings).learn(total_updates=1)
+    weights = np.exp(0.01 * episodes.rewards[0].astype(float))
+    expected = np.bincount(episodes.actions[0, :, 0].astype(int), weights, minlength=3) / weights.sum()
     np.testing.assert_allclose(probabilities(lrwr), expected, atol=2e-3)
 
 
-def test_the_best_of_a_batch_weighs_1_and_nothing_weighs_less_than_0() -> None:
-    gains = np.array([-100.0, -4.0, 10.0, -4.0])
-    for utility in ("exponential", "rank"):
-        weights = one_choice(utility=utility).utilities(gains, 0.05)
-        assert weights.max() == weights[2] == 1.0
-        assert (weights >= 0).all()
-        assert weights[1] == weights[3] > weights[0]
-    np.testing.assert_allclose(one_choice().utilities(gains, 0.05)[0], np.exp(-5.5))
+@pytest.mark.parametrize("on", [False, True])
+def test_only_with_a_control_variate_choices_worth_the_same_stay_as_likely_as_they_are(on: bool) -> None:
+    """Without, the policy comes to repeat what it happened to do."""
+    policy = PolicyConfig(core="none", hidden_size=1, init_range=1.0)
+    lrwr = LRWR(TIGER, max_episode_steps=1, policy=policy, held_out=0.0, max_epochs=300, control_variate=on)
+    before = probabilities(lrwr)
+    imitate(lrwr, lrwr.play_batch(30), 0.7)
+    moved = np.abs(probabilities(lrwr) - before).max()
+    assert moved < 1e-5 if on else moved > 0.02
+
+
+def test_a_control_variate_leaves_the_solution_what_it_is_on_average() -> None:
+    """That of (6.3) for all episodes there could be: pi(a) u(a) / sum of pi u, for u that depends on the action."""
+    lrwr = one_choice(held_out=0.0, max_epochs=1500, optimizer="Adam", learning_rate=0.01)
+    before, worth = probabilities(lrwr), np.array([0.2, 0.5, 1.0])
+    episodes = lrwr.play_batch(40_000)
+    imitate(lrwr, episodes, worth[episodes.actions[0, :, 0].astype(int)])
+    np.testing.assert_allclose(probabilities(lrwr), before * worth / (before @ worth), atol=0.02)
+
+
+@pytest.mark.parametrize("on", [False, True])
+def test_steps_count_by_their_discount(on: bool) -> None:
+    """The gradient by the read-out's biases is the sum over steps of gamma^t (one-hot - p), at p = 1/4."""
+    lrwr = LRWR(
+        TMAZE, held_out=0.0, max_epochs=1, optimizer_options={}, learning_rate=1e-3, gamma=0.9, discount_steps=on,
+        control_variate=False, policy=PolicyConfig(init_range=0.0),
+    )  # fmt: skip
+    whole = lrwr.play_batch(30)
+    episodes = whole.first(lrwr._horizon)
+    assert (len(episodes.rewards) < len(whole.rewards)) == on  # what counts for less than a thousandth is left out
+    fading = 0.9 ** np.arange(len(episodes.rewards)) if on else np.ones(len(episodes.rewards))
+    taken = np.eye(4)[episodes.actions[..., 0].astype(int)] - 0.25  # (T, N, 4)
+    expected = 1e-3 * (taken * (fading[:, None] * episodes.mask)[..., None]).sum((0, 1))
+    imitate(lrwr, whole, 1.0)
+    np.testing.assert_allclose(lrwr.policy.vector()[-4:], expected, atol=1e-6)
+
+
+def test_tau_can_be_relative_to_what_gains_have_been_like() -> None:
+    lrwr = one_choice(batch_size=20, steepness=0.5)
+    squares = []
+    for _ in range(3):
+        squares.append(float(np.square(lrwr.rollouts.collect(
+            lrwr.policy, 20, key=lrwr.training_key, first_episode=lrwr.episodes
+        ).returns).mean()))  # fmt: skip
+        lrwr.update()
+    weights = 0.98 ** np.array([2, 1, 0])
+    assert lrwr.tau == pytest.approx(0.5 / np.sqrt(weights @ squares / weights.sum()), rel=1e-6)
 
 
 def test_tau_is_the_mean_of_one_over_what_was_gained_weighted() -> None:
@@ -72,27 +110,37 @@ def test_tau_fits_the_returns_from_the_first_batch_on_and_then_adapts() -> None:
     lrwr.update()
     assert lrwr.tau is not None
     assert 1 / 110 < lrwr.tau < 1 / 10
-    fixed = one_choice(tau=0.5, adapt_tau=False).learn(total_updates=3)
-    assert fixed.tau == 0.5
+    assert one_choice(tau=0.5).tau == 0.5
 
 
 def test_one_gradient_step_is_that_of_the_weighted_log_likelihood() -> None:
-    """Of the read-out's biases: sum of u (1 - p) where the action was taken, and of -u p elsewhere."""
-    lrwr = one_choice(held_out=0.0, max_epochs=1, optimizer_options={}, learning_rate=1e-3)
-    episodes, p = lrwr.play_batch(30), probabilities(lrwr)
-    utilities = np.random.default_rng(0).random(30)
-    before = lrwr.policy.vector()[-3:]
-    lrwr.imitate(episodes, np.broadcast_to(utilities, (1, 30)))
-    one_hot = np.eye(3)[episodes.actions[0, :, 0].astype(int)]
-    expected = 1e-3 * (utilities[:, None] * (one_hot - p)).sum(0)
-    np.testing.assert_allclose(lrwr.policy.vector()[-3:] - before, expected, rtol=1e-3, atol=1e-7)
+    """Of the read-out's biases: sum of u (1 - p) where the action was taken, and of -u p elsewhere.
+
+    A control variate replaces the mean utility's part by what it is on average: nothing, at first.
+    """
+    for on in (False, True):
+        lrwr = one_choice(held_out=0.0, max_epochs=1, optimizer_options={}, learning_rate=1e-3, control_variate=on)
+        episodes, p = lrwr.play_batch(30), probabilities(lrwr)
+        utilities = np.random.default_rng(0).random(30)
+        before = lrwr.policy.vector()[-3:]
+        imitate(lrwr, episodes, utilities)
+        one_hot = np.eye(3)[episodes.actions[0, :, 0].astype(int)]
+        expected = 1e-3 * ((utilities - on * utilities.mean())[:, None] * (one_hot - p)).sum(0)
+        np.testing.assert_allclose(lrwr.policy.vector()[-3:] - before, expected, rtol=1e-3, atol=1e-7)
 
 
-def test_training_that_does_not_generalise_is_undone() -> None:
+def test_the_step_size_fades() -> None:
+    lrwr = one_choice(learning_rate=0.004, learning_rate_halflife=2.0).learn(total_updates=5)
+    assert lrwr.optimizer.param_groups[0]["lr"] == pytest.approx(0.001)
+
+
+def test_of_training_that_does_not_generalise_one_step_is_left() -> None:
     lrwr = LRWR(TMAZE, learning_rate=1e3, max_epochs=50, patience=3)
-    episodes, before = lrwr.play_batch(30), lrwr.policy.vector()
-    assert lrwr.imitate(episodes, np.ones(episodes.mask.shape)) < 50
-    np.testing.assert_array_equal(lrwr.policy.vector(), before)
+    other = LRWR(TMAZE, learning_rate=1e3, max_epochs=1)
+    episodes = lrwr.play_batch(30)
+    assert imitate(lrwr, episodes, 1.0) < 50
+    imitate(other, episodes, 1.0)
+    np.testing.assert_array_equal(lrwr.policy.vector(), other.policy.vector())
 
 
 def test_a_loss_that_is_not_finite_stops_the_run() -> None:
@@ -104,7 +152,7 @@ def test_there_is_always_an_episode_to_train_on() -> None:
     lrwr = LRWR(TMAZE, batch_size=2, held_out=0.9)
     before = lrwr.policy.vector()
     episodes = lrwr.play_batch(2)
-    lrwr.imitate(episodes, np.ones(episodes.mask.shape))
+    imitate(lrwr, episodes, np.random.default_rng(0).random(episodes.mask.shape))
     assert (lrwr.policy.vector() != before).any()
 
 
@@ -114,31 +162,42 @@ def test_held_out_episodes_are_not_trained_on() -> None:
     changed = Episodes(**{**vars(episodes), "actions": episodes.actions.copy()})
     changed.actions[:, 20:] = 1.0
     for algorithm, played in ((lrwr, episodes), (other, changed)):
-        algorithm.imitate(played, np.ones(played.mask.shape))
+        imitate(algorithm, played, np.arange(30) / 30)
     np.testing.assert_array_equal(lrwr.policy.vector(), other.policy.vector())
 
 
-def test_with_a_history_baseline_each_step_has_a_utility_of_its_own() -> None:
-    lrwr = LRWR(TMAZE, baseline="history", batch_size=10)
+def test_with_a_baseline_each_step_has_a_utility_of_its_own() -> None:
+    lrwr = LRWR(TMAZE, baseline="shared", discount_steps=False, batch_size=10)
     episodes = lrwr.play_batch(10)
-    gains, steps = lrwr._gains(episodes)
-    mask = episodes.mask
+    mask, returns = episodes.mask, episodes.returns_to_go(0.98)
+    gains, whose = lrwr._gains(episodes, returns, lrwr._remember(episodes))
     assert gains.shape == (mask.sum(),)
-    assert sorted(steps[mask]) == list(range(mask.sum()))
-    np.testing.assert_allclose(gains[steps[mask]], episodes.returns_to_go(0.98)[mask])  # at first it expects 0
+    assert sorted(whose[mask]) == list(range(mask.sum()))
+    np.testing.assert_allclose(gains[whose[mask]], returns[mask])  # at first it expects 0
+
+
+def test_the_baseline_learns_what_to_expect() -> None:
+    lrwr = LRWR(
+        TIGER, max_episode_steps=1, gamma=1.0, batch_size=50, baseline="shared", baseline_weight=1.0,
+        discount_steps=False, held_out=0.0, max_epochs=20, policy=PolicyConfig(init_range=0.3), **ADAM,
+    )  # fmt: skip
+    lrwr.learn(total_updates=20)
+    assert lrwr.baseline is not None
+    episodes = lrwr.play_batch(500)
+    expected = lrwr.baseline.expected(episodes, lrwr._remember(episodes))
+    assert abs(float(np.mean(expected)) - episodes.returns.mean()) < 5.0
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_it_learns_what_no_memoryless_policy_can(seed: int) -> None:
-    lrwr = LRWR(
-        TMAZE, env_kwargs={"corridor_length": 3}, seed=seed, batch_size=75, utility="rank", max_epochs=20, patience=4,
-        policy=PolicyConfig(hidden_size=10, init_range=0.3, forget_bias=4.0), **ADAM,
-    )  # fmt: skip
-    assert lrwr.learn(total_updates=40).evaluate(200).mean_return > 3.0  # without memory at most 1.95
+    settings = compose(("experiment=pomdps_lrwr", "env=tmaze", "env.corridor_length=3"))
+    lrwr = settings.algorithm(settings.rollouts(), seed).learn(total_episodes=5000)
+    assert lrwr.evaluate(200).mean_return > 3.8  # without memory at most 1.95
 
 
 def test_squared_error_learns_too() -> None:
-    lrwr = LRWR(TMAZE, env_kwargs={"corridor_length": 3}, loss="squared", batch_size=75, max_epochs=30, **ADAM)
+    settings: dict[str, Any] = {"loss": "squared", "control_variate": False, "batch_size": 75, "max_epochs": 30}
+    lrwr = LRWR(TMAZE, env_kwargs={"corridor_length": 3}, **settings, **ADAM)
     before = lrwr.evaluate(200).mean_return
     assert lrwr.learn(total_updates=15).evaluate(200).mean_return > before + 0.5
 
@@ -158,8 +217,8 @@ class Target(gym.Env[Any, Any]):
 
 
 def test_gaussian_policies_find_the_best_action_and_grow_sure_of_it() -> None:
-    lrwr = LRWR(Target, max_episode_steps=1, batch_size=60, utility="rank", **ADAM)
-    lrwr.learn(total_updates=25)
+    lrwr = LRWR(Target, max_episode_steps=1, batch_size=60, steepness=2.0, **ADAM)
+    lrwr.learn(total_updates=50)
     outputs, _ = lrwr.policy(torch.zeros(1, 1, 1))
     mean, std = outputs[0, 0, 0].item(), torch.sigmoid(outputs[0, 0, 1]).item()
     assert abs(mean - 0.6) < 0.15
@@ -168,10 +227,10 @@ def test_gaussian_policies_find_the_best_action_and_grow_sure_of_it() -> None:
 
 def test_a_squared_error_of_continuous_actions_is_refused_before_anything_is_played() -> None:
     with pytest.raises(TypeError, match="discrete"):
-        LRWR(Target, max_episode_steps=1, loss="squared")
+        LRWR(Target, max_episode_steps=1, loss="squared", control_variate=False)
 
 
-@pytest.mark.parametrize("settings", [{}, {"baseline": "history"}])
+@pytest.mark.parametrize("settings", [{}, {"baseline": "shared", "discount_steps": False, "steepness": 0.3, **ADAM}])
 def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
     whole, first, second = (LRWR(TMAZE, env_kwargs={"corridor_length": 2}, max_epochs=5, **settings) for _ in range(3))
     whole.learn(total_updates=6)
@@ -184,13 +243,22 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        ("batch_size", 1), ("gamma", 0.0), ("utility", "linear"), ("baseline", "shared"), ("tau", 0.0), ("loss", "l1"),
+        ("batch_size", 1), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0), ("tau", 0.0),
+        ("steepness", 0.0), ("learning_rate_halflife", -1.0),
+        ("loss", "l1"),
         ("held_out", 1.0), ("patience", 0), ("max_epochs", 2.5), ("optimizer", "Sgd"), ("learning_rate", np.inf),
     ],
 )  # fmt: skip
 def test_a_setting_out_of_range_is_named(setting: str, value: Any) -> None:
     with pytest.raises(ValueError, match=setting):
         LRWRConfig(**{setting: value})
+
+
+def test_settings_that_exclude_each_other_are_named() -> None:
+    with pytest.raises(ValueError, match="discount_steps must be false with a baseline"):
+        LRWRConfig(baseline="shared")
+    with pytest.raises(ValueError, match="control_variate must be false with loss=squared"):
+        LRWRConfig(loss="squared")
 
 
 def test_options_that_the_optimiser_does_not_take_are_refused_before_anything_is_played() -> None:

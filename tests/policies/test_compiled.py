@@ -153,6 +153,9 @@ def test_a_head_without_a_compiled_twin_is_refused() -> None:
         def entropy(self, outputs: torch.Tensor) -> torch.Tensor:
             return outputs
 
+        def cross_entropy(self, before: torch.Tensor, outputs: torch.Tensor) -> torch.Tensor:
+            return outputs
+
         def sample(self, outputs: torch.Tensor, uniforms: torch.Tensor) -> torch.Tensor:
             return outputs
 

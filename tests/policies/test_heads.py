@@ -3,7 +3,7 @@ import pytest
 import torch
 from scipy import stats
 from torch.distributions import Categorical as TorchCategorical
-from torch.distributions import Normal
+from torch.distributions import Normal, kl_divergence
 
 from dpsearch.policies import Categorical, Deterministic, Gaussian
 from dpsearch.policies.heads import Head
@@ -28,6 +28,9 @@ def test_a_categorical_head_is_a_product_of_softmax_distributions() -> None:
     expected = sum(twin.log_prob(actions[..., i]) for i, twin in enumerate(twins))
     torch.testing.assert_close(head.log_prob(outputs, actions), expected)
     torch.testing.assert_close(head.entropy(outputs), sum(twin.entropy() for twin in twins))
+    others = [TorchCategorical(logits=logits) for logits in normal(*SHAPE, 9, seed=1).split([2, 4, 3], dim=-1)]
+    crossed = sum(q.entropy() + kl_divergence(q, p) for q, p in zip(others, twins, strict=True))
+    torch.testing.assert_close(head.cross_entropy(normal(*SHAPE, 9, seed=1), outputs), crossed)
 
 
 def test_actions_may_come_as_floats_as_rollouts_record_them() -> None:
@@ -44,6 +47,10 @@ def test_a_gaussian_head_has_a_linear_mean_and_a_sigmoid_deviation() -> None:
     actions = head.sample(outputs, uniform(*SHAPE, 4))
     torch.testing.assert_close(head.log_prob(outputs, actions), twin.log_prob(actions).sum(-1))
     torch.testing.assert_close(head.entropy(outputs), twin.entropy().sum(-1))
+    before = normal(*SHAPE, 4, seed=1)
+    other = Normal(before[..., :2], torch.sigmoid(before[..., 2:]))
+    crossed = other.entropy() + kl_divergence(other, twin)
+    torch.testing.assert_close(head.cross_entropy(before, outputs), crossed.sum(-1))
 
 
 @pytest.mark.parametrize("head", [Categorical([4]), Categorical([2, 4, 3]), Categorical([1]), Gaussian(2)])
@@ -128,6 +135,8 @@ def test_a_deterministic_head_has_no_probabilities() -> None:
         head.log_prob(outputs, outputs)
     with pytest.raises(TypeError, match="no entropy"):
         head.entropy(outputs)
+    with pytest.raises(TypeError, match="no entropy"):
+        head.cross_entropy(outputs, outputs)
 
 
 def test_scaled_by_their_variances_eligibilities_stay_finite_in_each_dimension() -> None:

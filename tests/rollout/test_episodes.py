@@ -44,6 +44,16 @@ def test_it_counts_episodes_and_steps() -> None:
     np.testing.assert_array_equal(episodes.mask.sum(axis=0), episodes.lengths)
 
 
+def test_their_first_steps_are_episodes_too() -> None:
+    episodes = some_episodes()
+    assert episodes.first(None) is episodes.first(5) is episodes
+    first = episodes.first(2)
+    assert len(first.observations) == len(first.actions) == 2
+    assert first.lengths.tolist() == [2, 1, 2, 2]
+    assert first.terminated.tolist() == [False, False, False, True]
+    np.testing.assert_allclose(first.returns, episodes.rewards[:2].sum(0), rtol=1e-6)
+
+
 def test_moments_are_those_of_the_steps_played() -> None:
     episodes = some_episodes()
     values = np.random.default_rng(1).normal(1000.0, 1.0, (5, 4)).astype(np.float32)
