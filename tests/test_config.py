@@ -52,6 +52,15 @@ def test_any_gymnasium_environment_is_described_by_its_arguments() -> None:
     assert config.env.recipe() == EnvRecipe("CartPole-v1", kwargs, [0, 2], 50, 45.0)
 
 
+def test_rpg_has_settings_of_its_own_for_any_environment() -> None:
+    anywhere = "env=gym", "env.id=CartPole-v1"
+    assert (composed(*anywhere).algo.natural_step, composed(*anywhere, "algo.natural_step=0.1").algo.natural_step) == (
+        0.01,
+        0.1,
+    )
+    assert composed("algo=lrwr", *anywhere).policy.init_range == composed("algo=lrwr").policy.init_range
+
+
 def test_options_of_an_optimizer_need_no_plus_sign() -> None:
     config = composed("algo.optimizer_options.momentum=0.9")
     assert config.algo.optimizer_options == {"momentum": 0.9}
