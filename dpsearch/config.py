@@ -110,7 +110,7 @@ class DrivingConfig(EnvConfig):
         lookahead: Base (m) and gain (s) of the look-ahead distance.
         start: "line" or "random".
         control_hz: Steps a second.
-        stuck_seconds: Time off the road after which an episode is over.
+        stuck_seconds: Time off the road or standing after which an episode is over.
         reward: What a step on the road pays: speed, or progress, the speed along the road.
     """
 

@@ -127,7 +127,7 @@ class Track(KernelEnv):
         lookahead: Base (m) and gain (s) of the look-ahead distance, which is base + gain * speed.
         start: "line" for the start line, "random" for anywhere on the road.
         control_hz: Steps a second.
-        stuck_seconds: Time off the road after which the car is stuck and the episode over.
+        stuck_seconds: Time off the road or standing after which the car is stuck and the episode over.
         reward: Of a step on the road: "speed", or "progress" for the speed along the road.
         max_episode_steps: Steps after which an episode is cut off; 54,000, half an hour, by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.

@@ -101,7 +101,10 @@ class LRWRConfig:
                 "baseline_weight": (0.0 <= self.baseline_weight < math.inf, "0 or more"),
                 "discount_steps": (not self.discount_steps or self.baseline == "none", "false with a baseline"),
                 "tau": (_positive(self.tau), "positive and finite, or null"),
-                "steepness": (_positive(self.steepness), "positive and finite, or null"),
+                "steepness": (
+                    _positive(self.steepness) and (self.steepness is None or self.tau is None),
+                    "positive and finite, or null; tau, which it takes the place of, must be null beside it",
+                ),
                 "loss": (self.loss in LOSSES, f"one of {', '.join(LOSSES)}"),
                 "control_variate": (not self.control_variate or self.loss == "likelihood", "false with loss=squared"),
                 "held_out": (0.0 <= self.held_out < 1.0, "in [0, 1)"),

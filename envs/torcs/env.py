@@ -15,7 +15,8 @@ learns there can drive here. Time stands still between two steps; an episode is 
 bit for bit. Between the control steps TORCS computes in steps of 2 ms.
 
 - *Start:* the car rolls along the middle of the road at the speed to be held.
-- *End:* stuck off the road; or the limit of 54,000 steps, half an hour. There is no damage, and fuel is not used up.
+- *End:* stuck, off the road or standing; or the limit of 54,000 steps, half an hour. There is no damage, and fuel is
+  not used up.
 - *State* (``info["state"]``): the fields of :class:`dpsearch.envs.torcs.State` up to ``mu``.
 
 Source: section 3.4.4 of the thesis; TORCS, The Open Racing Car Simulator, by E. Espié, C. Guionneau, B. Wymann and
@@ -64,7 +65,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         lookahead: Base (m) and gain (s) of the look-ahead distance, ``base + gain * speed``.
         start: "line", or "random" for anywhere on the road.
         control_hz: Steps a second, from 10 to 200.
-        stuck_seconds: Time off the road after which the car is stuck.
+        stuck_seconds: Time off the road or standing after which the car is stuck.
         reward: Of a step on the road: "speed", or "progress" for the speed along the road.
         max_episode_steps: Steps after which an episode is cut off; 54,000 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.

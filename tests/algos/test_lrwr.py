@@ -259,6 +259,8 @@ def test_settings_that_exclude_each_other_are_named() -> None:
         LRWRConfig(baseline="shared")
     with pytest.raises(ValueError, match="control_variate must be false with loss=squared"):
         LRWRConfig(loss="squared")
+    with pytest.raises(ValueError, match="tau, which it takes the place of, must be null"):
+        LRWRConfig(steepness=0.2, tau=1.0)
 
 
 def test_options_that_the_optimiser_does_not_take_are_refused_before_anything_is_played() -> None:
