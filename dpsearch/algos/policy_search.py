@@ -103,7 +103,7 @@ class PolicySearch(Algorithm[ConfigT]):
         self._choice = automatic if self.config.choice == "auto" else self.config.choice
         self._incumbent = 0  # the evaluation that found the weights in self.policy, if the choice is the best
         self._rejected = 0  # the incumbent that was last found not to solve the task
-        self._worst = np.inf  # fitness since the search began or was resumed: only a warning hangs on it
+        self._worst = np.inf  # fitness so far
 
     def _make_search(self) -> Search:
         config, key = self.config, stream_key(self.seed, SEARCH)
@@ -212,6 +212,7 @@ class PolicySearch(Algorithm[ConfigT]):
             "search": _mapped(self.search.state_dict(), np.ndarray, torch.from_numpy),
             "incumbent": self._incumbent,
             "rejected": self._rejected,
+            "worst": self._worst,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -220,6 +221,7 @@ class PolicySearch(Algorithm[ConfigT]):
         self.search.load_state_dict(_mapped(state["search"], torch.Tensor, torch.Tensor.numpy))
         self._incumbent = state["incumbent"]
         self._rejected = state["rejected"]
+        self._worst = state["worst"]
 
 
 def _mapped(state: Any, kind: type[Any], convert: Callable[[Any], Any]) -> Any:

@@ -146,7 +146,7 @@ class RPGConfig:
                 "natural_step": (
                     self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
                     "positive or null; with it, gradient_length must be null, optimizer SGD, baseline not shared and "
-                    "variance_scaled false",
+                    "variance_scaled false; natural_step=null takes plain gradients",
                 ),
                 "restart_episodes": (
                     self.restart_episodes is None or (self.restart_episodes >= 1 and self.update_steps is None),

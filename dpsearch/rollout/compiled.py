@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import gymnasium as gym
@@ -58,10 +58,14 @@ class CompiledRollouts:
     def __post_init__(self) -> None:
         if self.max_steps < 1 or self.threads < 1:
             raise ValueError(f"max_steps and threads must be positive, got {self.max_steps} and {self.threads}")
+        self.observation_size = self.kernel.observation_size
+
+    @cached_property
+    def _environment(self) -> tuple[Any, Any, Any, NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """The environment's part of what the compiled engine is called with, gathered once."""
         kernel = self.kernel
-        self.observation_size = kernel.observation_size
         rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
-        self._environment = (
+        return (
             first_class(kernel.reset, RESET),
             first_class(kernel.observe, OBSERVE),
             first_class(kernel.step, STEP),
@@ -69,6 +73,10 @@ class CompiledRollouts:
             kernel.ints,
             np.array(rows),
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what cannot be pickled, and is made again when it is needed."""
+        return {name: value for name, value in vars(self).items() if name not in ("_environment", "_pool")}
 
     def close(self) -> None:
         """Let go of the threads; they come back when they are needed."""

@@ -196,3 +196,9 @@ def test_a_warm_start_compiles_nothing() -> None:
     for _ in range(2):
         run = subprocess.run([sys.executable, "-c", WARM], cwd=ROOT, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_it_can_be_sent_to_another_process() -> None:
+    ours = rollouts()
+    expected = ours.collect(policy(), 20, key=KEY)
+    assert_same(pickle.loads(pickle.dumps(ours)).collect(policy(), 20, key=KEY), expected)

@@ -14,7 +14,7 @@ from scripts.experiments.poles_rpg import MARKOV, METHODS, RPG, TABLE_3_1, THESI
     ("method", "env"), [(MARKOV, "single_pole"), (MARKOV, "double_pole"), (RPG, "single_pole_hidden")]
 )
 def test_poles_are_balanced_in_fewer_episodes_than_the_thesis_had(method: Method, env: str) -> None:
-    found = until_balanced((*method.overrides, f"env={env}"), 0)
+    found = until_balanced((*method.overrides, f"env={env}", f"total_episodes={THESIS[env][0]}"), 0)
     assert found["solved"]
     assert found["evaluations"] < THESIS[env][0]
 
