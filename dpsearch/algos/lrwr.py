@@ -53,8 +53,8 @@ class LRWRConfig:
             done at t; the rest is chance, which in episodes of 1000 steps drowns everything. It has no place where
             steps have gains of their own.
         control_variate: Put the mean utility's share of the log-likelihood in exactly, for all actions by their
-            probabilities, and sample the rest only. The expected loss stays what it is, but for
-            1/N of it, an episode's share in its own mean; there is less noise.
+            probabilities, and sample the rest only. The expected loss stays what it is, but for 1/N of it, an episode's
+            share in its own mean; there is less noise.
         tau: How steeply exponential utility rises at first, per unit of return (thesis: 1); None for what equation 6.4
             gives if all episodes of the first batch count alike. With 1, and returns from -100 to 10, a single lucky
             episode would be all there is to imitate.
