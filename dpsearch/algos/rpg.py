@@ -29,8 +29,9 @@ from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.natural_gradient import natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
+from dpsearch.algos.progress import Progress
 from dpsearch.algos.quadratic_baseline import QuadraticBaseline
-from dpsearch.algos.settings import require
+from dpsearch.algos.settings import positive_or_none, require
 from dpsearch.kernels.philox import stream_key
 from dpsearch.rollout import Episodes, Pieces, Stream
 
@@ -85,8 +86,9 @@ class RPGConfig:
             nats of KL divergence: however the weights are scaled, a policy is not changed by more than can be
             judged from one batch.
         damping: Added to the diagonal of the Fisher information matrix of the natural gradient.
-        restart_episodes: If given, learning begins again from other random weights whenever so many episodes did not
-            solve the task: on some tasks most starts lead to a policy that is hard to improve, and a few lead past it.
+        restart_episodes: If given, learning begins again from other random weights whenever so many episodes brought it
+            no further: on some tasks most starts lead to a policy that is hard to improve, and a few lead past it.
+        restart_gain: By which share of its size the mean discounted return has to rise within them; see ``Progress``.
         update_steps: If given, learn from one continuing stream, every so many steps, instead of from batches of whole
             episodes: for tasks that go on (section 3.4.4). The gradient is cut off where the update is, the recurrent
             state is carried on, and what the baseline expects there completes the returns.
@@ -118,6 +120,7 @@ class RPGConfig:
     natural_step: float | None = None
     damping: float = 0.01
     restart_episodes: int | None = None
+    restart_gain: float = 0.0
     update_steps: int | None = None
     variance_scaled: bool = False
 
@@ -129,10 +132,10 @@ class RPGConfig:
                 "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 1, "a whole number, at least 1"),
                 "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
-                "learning_rate_halflife": (_positive(self.learning_rate_halflife), "positive or null"),
+                "learning_rate_halflife": (positive_or_none(self.learning_rate_halflife), "positive or null"),
                 "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
                 "advantage_memory": (0.0 < self.advantage_memory <= 1.0, "in (0, 1]"),
-                "gradient_length": (_positive(self.gradient_length), "positive or null"),
+                "gradient_length": (positive_or_none(self.gradient_length), "positive or null"),
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
                 "baseline_cells": (self.baseline_cells >= 1, "at least 1"),
@@ -142,7 +145,7 @@ class RPGConfig:
                 "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
                 "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
-                "entropy_halflife": (_positive(self.entropy_halflife), "positive or null"),
+                "entropy_halflife": (positive_or_none(self.entropy_halflife), "positive or null"),
                 "natural_step": (
                     self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
                     "positive or null; with it, gradient_length must be null, optimizer SGD, baseline not shared and "
@@ -152,6 +155,7 @@ class RPGConfig:
                     self.restart_episodes is None or (self.restart_episodes >= 1 and self.update_steps is None),
                     "at least 1, and without update_steps, or null",
                 ),
+                "restart_gain": (self.restart_gain >= 0.0, "0 or more"),
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
                 "update_steps": (
                     self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
@@ -166,10 +170,6 @@ class RPGConfig:
         """Whether nothing else turns the gradient or changes its length."""
         unscaled = self.gradient_length is None and not self.variance_scaled
         return unscaled and self.optimizer == "SGD" and self.baseline != "shared"
-
-
-def _positive(value: float | None) -> bool:
-    return value is None or value > 0.0
 
 
 class RPG(Algorithm[RPGConfig]):
@@ -190,7 +190,8 @@ class RPG(Algorithm[RPGConfig]):
     def _begin(self) -> None:
         """From the weights as they are, with nothing remembered of what came before."""
         self.starts += 1
-        self._first_update, self._first_episode = self.updates, self.episodes
+        self._first_update = self.updates
+        self.progress = Progress(self.config.restart_episodes, self.config.restart_gain)
         self.baseline = self._make_baseline()
         self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
         self.optimizer = make_optimizer(
@@ -230,8 +231,7 @@ class RPG(Algorithm[RPGConfig]):
     def update(self) -> Metrics:
         """Play a batch, or the next steps of the stream, ascend the gradient (section 3.3.3), and say how it went."""
         start = perf_counter()
-        limit = self.config.restart_episodes
-        if limit is not None and self.episodes - self._first_episode >= limit and not self.solved:
+        if self.progress.stalled and not self.solved:
             self._begin()
             self.recent_returns.clear()
             self.policy.initialise(self._weights_seed(WEIGHTS))
@@ -296,6 +296,7 @@ class RPG(Algorithm[RPGConfig]):
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns, mask)
         surprises = (returns - baseline) * mask
+        self.progress.note(returns[0])
         advantages = generalised_advantages(episodes, surprises, config.gamma, config.trace)  # (T, N)
         if config.normalise_advantages:
             scale = self._running_scale(advantages[mask])
@@ -380,7 +381,8 @@ class RPG(Algorithm[RPGConfig]):
             "baseline": self.baseline.state_dict(),
             "batch_size": self.batch_size,
             "mean_square": self._mean_square,
-            "start": [self.starts, self._first_update, self._first_episode],
+            "start": [self.starts, self._first_update],
+            "progress": self.progress.state_dict(),
             "stream": None if self.stream is None else self.stream.state_dict(),
         }
 
@@ -391,6 +393,7 @@ class RPG(Algorithm[RPGConfig]):
         self.baseline.load_state_dict(state["baseline"])
         self.batch_size = state["batch_size"]
         self._mean_square = state["mean_square"]
-        self.starts, self._first_update, self._first_episode = state["start"]
+        self.starts, self._first_update = state["start"]
+        self.progress.load_state_dict(state["progress"])
         if self.stream is not None:
             self.stream.load_state_dict(state["stream"])

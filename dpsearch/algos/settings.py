@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 
@@ -18,3 +19,8 @@ def require(settings: object, accepted: Mapping[str, tuple[bool, str]]) -> None:
     for name, (fits, what) in accepted.items():
         if not fits:
             raise ValueError(f"{name} must be {what}, got {getattr(settings, name)!r}")
+
+
+def positive_or_none(value: float | None) -> bool:
+    """Whether a setting that may be left out is left out, or else positive and finite."""
+    return value is None or 0.0 < value < math.inf

@@ -40,6 +40,7 @@ LATER: dict[str, Any] = {
     "natural_step": None,
     "damping": 0.01,
     "restart_episodes": None,
+    "restart_gain": 0.0,
     "update_steps": None,
     "init_std": None,
     "noise_memory": 0.0,

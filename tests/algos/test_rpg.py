@@ -331,6 +331,7 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
         ("entropy_halflife", 0.0),
         ("learning_rate_halflife", -1.0),
         ("restart_episodes", 0),
+        ("restart_gain", -1.0),
         ("baseline", "mean"),
         ("baseline_cells", 0),
         ("baseline_optimizer", "Sgd"),
@@ -345,15 +346,15 @@ def test_a_setting_out_of_range_is_named(setting: str, value: Any) -> None:
         RPGConfig(**{setting: value})
 
 
-def test_it_begins_again_from_other_weights_when_a_start_has_had_its_episodes() -> None:
-    rpg = small_rpg(batch_size=10, restart_episodes=30, baseline="history", learning_rate=1e-9)
+def test_it_begins_again_from_other_weights_when_a_start_gets_no_further() -> None:
+    rpg = small_rpg(batch_size=10, restart_episodes=30, restart_gain=100.0, baseline="history", learning_rate=1e-9)
     found = []
-    rpg.learn(total_episodes=90, callback=lambda rpg, _: found.append((rpg.starts, rpg.policy.vector())))
-    assert [starts for starts, _ in found] == [1] * 3 + [2] * 3 + [3] * 3
+    rpg.learn(total_episodes=180, callback=lambda rpg, _: found.append((rpg.starts, rpg.policy.vector())))
+    assert [starts for starts, _ in found] == [1] * 6 + [2] * 6 + [3] * 6  # 30 to compare with, and 30 no better
     weights = [vector for _, vector in found]
-    np.testing.assert_allclose(weights[0], weights[2], atol=1e-6)
-    assert np.abs(weights[2] - weights[3]).max() > 0.1
+    np.testing.assert_allclose(weights[0], weights[5], atol=1e-6)
     assert np.abs(weights[5] - weights[6]).max() > 0.1
+    assert np.abs(weights[11] - weights[12]).max() > 0.1
 
 
 def test_an_infinite_reward_stops_the_run_and_names_the_episode() -> None:

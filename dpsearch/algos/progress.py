@@ -1,0 +1,52 @@
+"""When to give a start up: from some weights learning comes to nothing, and from others past the same point."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from statistics import fmean
+from typing import Any
+
+from numpy.typing import NDArray
+
+WINDOW = 100  # episodes whose mean return is compared, or ``patience`` if that is less
+
+
+class Progress:
+    """Whether learning still gets ahead: early stopping with patience, of a start instead of a run.
+
+    Args:
+        patience: Episodes within which it has to; None never gives up.
+        gain: By which share of its size the mean return of the last ``WINDOW`` episodes has to rise above what it was
+            when it last did so.
+    """
+
+    def __init__(self, patience: int | None, gain: float) -> None:
+        self._patience, self._gain = patience, gain
+        self._recent: deque[float] = deque(maxlen=min(WINDOW, patience or WINDOW))
+        self._bar, self._since = -math.inf, 0
+
+    @property
+    def stalled(self) -> bool:
+        """Whether it has not, for that long."""
+        return self._patience is not None and self._since >= self._patience
+
+    def note(self, returns: NDArray[Any]) -> None:
+        """Take in the returns ``(N,)`` of the next episodes."""
+        if self._patience is None:
+            return
+        self._since += len(returns)
+        self._recent.extend(returns.tolist())
+        mean = fmean(self._recent)
+        if len(self._recent) == self._recent.maxlen and mean > self._bar:
+            self._bar, self._since = mean + self._gain * abs(mean), 0
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that it remembers."""
+        return {"recent": list(self._recent), "bar": self._bar, "since": self._since}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Remember what it did when ``state_dict`` was taken."""
+        self._recent.clear()
+        self._recent.extend(state["recent"])
+        self._bar, self._since = state["bar"], state["since"]
