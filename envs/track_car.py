@@ -1,30 +1,30 @@
 """The car that drives on the embedded track: every number of its model, in one table.
 
 It is fitted to the car ``gt1`` of the real TORCS (``torcs/gt1.xml``) on a flat plane of the asphalt of e-track-1,
-friction 1.2, at up to 240 km/h. Mass, axles, lock and pace of the steering are those of its file; grip, stiffness,
-wings, inertia and tread are the least squares of paths, headings and velocities after steps of the steering; brakes,
-engine and drag those of speeds after steps of the pedals; what holds off the road is fitted to a plane of its grass,
-friction 0.4. ``tests/envs/torcs_recording.txt`` has part of the recordings, and ``test_track_calibration.py`` holds the
-car to them.
+friction 1.2, at up to 240 km/h. Mass, axles, lock and pace of the steering are those of its file. The others are the
+least squares of paths, headings and velocities after steps of the steering, of a pedal, and of both together; what
+holds off the road is fitted to a plane of its grass, friction 0.4. ``tests/envs/torcs_recording.txt`` has part of the
+recordings, and ``test_track_calibration.py`` holds the car to them.
 
 How far it misses TORCS after 2 s of steering, as a share of the way, and in degrees of the heading of so many::
 
-    steering  20 km/h           80 km/h           120 km/h          180 km/h          220 km/h
-       0.01                                       0.2%   0.5 of 11  0.3%   0.5 of 14  0.1%   0.1 of 16
-       0.02 0.3%  -0.1 of  4  0.1%   0.3 of 15  0.2%   0.6 of 22  0.2%   0.1 of 27  0.9%  -0.6 of 29
-       0.05 0.4%  -0.3 of 10  0.2%   0.3 of 38  0.6%  -0.1 of 50  0.3%   0.9 of 49  0.2%   0.4 of 48
-       0.1  0.4%  -0.6 of 20  1.3%  -1.1 of 72  0.9%   1.6 of 69  1.0%   1.5 of 57  0.0%   0.4 of 54
-       0.2  0.5%  -0.9 of 38  0.7%   1.0 of 95  0.6%  -0.2 of 72  0.2%  -0.1 of 58  1.1%  -1.0 of 56
-       0.4  0.8%   0.3 of 70  0.8%   0.0 of 94  0.6%   0.2 of 70
+    steering  20 km/h           60 km/h           120 km/h          180 km/h          220 km/h
+       0.01                                       0.3%  -0.2 of 11  0.3%  -0.2 of 14  0.2%  -0.1 of 16
+       0.02   0.3%  -0.1 of  4  0.4%  -0.4 of 12  0.7%  -0.6 of 22  0.5%  -0.5 of 27  0.4%  -0.2 of 29
+       0.05   0.4%  -0.4 of 10  0.8%  -0.8 of 29  1.4%  -1.4 of 50  1.4%   2.3 of 49  1.8%   2.9 of 48
+       0.1    0.4%  -0.6 of 20  1.4%  -1.3 of 57  0.4%   0.9 of 69  1.6%   2.3 of 57  1.3%   2.2 of 54
+       0.2    0.3%  -0.8 of 38  0.5%   1.3 of 100 1.8%  -2.0 of 72  0.1%   0.2 of 58  0.1%   0.2 of 56
+       0.4    1.2%   1.0 of 70  2.7%  -2.9 of 115 2.5%  -2.7 of 70
 
 The front tyres slide at 17 m/s^2 at 60 km/h, 20 at 120 and 29 at 220, where the wings press the car down. Full
-throttle takes it from 10 to 100 km/h in 2.1 s (TORCS: 2.4 s), to 200 in 6.3 s (6.5 s), and at last to 268 km/h (269).
-Full brakes stop it from 60 km/h within 7.9 m (8.5 m), from 100 within 21.1 m (21.8 m), from 240 within 105 m (97 m).
-After 3 s of rolling, 150 km/h are 118 (125) and 40 are 27 (25). Speeds are off by less than a tenth. On grass its path
-is within 6%, its heading within 15%.
+throttle takes it from 10 to 100 km/h in 2.5 s (TORCS: 2.4 s), to 200 in 6.4 s (6.5 s), and at last to 268 km/h (269).
+Full brakes stop it from 60 km/h within 7.8 m (8.5 m), from 100 within 20.4 m (21.8 m), from 240 within 100 m (97 m).
+Speeds are off by less than a tenth. With 0.05 of the steering and half of the brakes both cars spin: from 160 km/h they
+have turned by 79 degrees (67) after 1.4 s, but with half the throttle by 35 (34). With all of the brakes the wheels
+lock, and both go straight on. On grass paths are within 6%, headings within 15%.
 
-What does not fit: a gearbox makes what the engine does depend on the gear. With a throttle of one half, 120 km/h are
-183 after 6 s (167). And roads are flat here, while those of TORCS have hills and banks.
+What does not fit: a gearbox makes what the engine does depend on the gear. With full throttle in a curve, TORCS' car
+skids at 80 km/h, this one less. And roads are flat here, while those of TORCS have hills and banks.
 """
 
 from __future__ import annotations
