@@ -49,8 +49,10 @@ LOOKAHEAD: Final = (10.0, 1.0)
 """Base (m) and gain (s) of the look-ahead distance."""
 PROFILE: Final = (10.0, 70.0, 1800.0)
 """The thesis's speed profile: km/h, km/h, s."""
+SLOWEST: Final = 2.0
+"""The lowest speed that a profile may ask for (km/h): at 1 km/h a car counts as standing."""
 FASTEST: Final = 400.0
-"""The highest speed that a profile may ask for (km/h)."""
+"""The highest one (km/h)."""
 RAY_ANGLES: Final = tuple(math.radians(angle) for angle in range(-60, 61, 15))
 """Directions of the rays relative to the car's heading, from right to left (rad)."""
 RAY_LENGTH: Final = 100.0
@@ -252,10 +254,10 @@ def _profile(given: Any) -> SpeedProfile | None:
     if given is None:
         return None
     numbers = (float(given), float(given), 1.0) if _is_number(given) else _numbers(given, 3)
-    if numbers is None or not (all(0.0 < speed <= FASTEST for speed in numbers[:2]) and 0.0 < numbers[2] < math.inf):
+    if numbers is None or not (all(SLOWEST <= v <= FASTEST for v in numbers[:2]) and 0.0 < numbers[2] < math.inf):
         raise ValueError(
-            "speed_profile must be start and end in (0, 400] km/h and positive seconds from the one to the other, a "
-            f"number in (0, 400] for a constant speed, or None for the pedals, got {given!r}"
+            "speed_profile must be start and end in [2, 400] km/h and positive seconds from the one to the other, a "
+            f"number in [2, 400] for a constant speed, or None for the pedals, got {given!r}"
         )
     return SpeedProfile(*numbers)
 

@@ -47,10 +47,11 @@ _AHEAD: Final = 16  # samples by which the tables go on beyond a lap
 
 # In `floats`, first the car:
 _MASS, _INERTIA, _FRONT, _REAR, _TREAD, _LOCK, _STEER_RATE, _FRONT_GRIP, _REAR_GRIP = range(9)
-_FRONT_STIFF, _REAR_STIFF, _RESERVE, _SKID, _FLOOR, _POWER, _THRUST, _COASTING, _BRAKES, _BALANCE = range(9, 19)
-_DRAG, _ROLLING, _STANDSTILL, _GAIN, _OFF_GRIP, _OFF_ROLLING, _VERGE, _WALL_LOSS = range(19, 27)
-_SECONDS, _HALF_WIDTH, _LENGTH, _SPACING, _SPEED, _RISE, _RISE_STEPS, _BASE, _LOOK_GAIN = range(27, 36)
-_SCALES: Final = 36  # mean and 1 / deviation of each observation
+_FRONT_STIFF, _REAR_STIFF, _FRONT_WING, _REAR_WING, _HEIGHT, _RESERVE, _SKID, _FLOOR = range(9, 17)
+_POWER, _THRUST, _TOP, _COASTING, _IDLING, _BRAKES, _BALANCE, _DRAG, _ROLLING = range(17, 26)
+_STANDSTILL, _GAIN, _OFF_GRIP, _OFF_ROLLING, _VERGE, _WALL_LOSS = range(26, 32)
+_SECONDS, _HALF_WIDTH, _LENGTH, _SPACING, _SPEED, _RISE, _RISE_STEPS, _BASE, _LOOK_GAIN = range(32, 41)
+_SCALES: Final = 41  # mean and 1 / deviation of each observation
 _TABLES: Final = _SCALES + 2 * len(OBSERVATIONS)
 # In `ints`:
 _PEDALS, _SUBSTEPS, _STUCK, _RANDOM, _ALONG, _SAMPLES, _SEEN, _SEEN_NAMES = range(8)
@@ -74,13 +75,14 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
     reserve, skid, floor = floats[_RESERVE], floats[_SKID], floats[_FLOOR]
     power, thrust, brakes, balance = floats[_POWER], floats[_THRUST], floats[_BRAKES], floats[_BALANCE]
     lightness, agility, fade = 1.0 / mass, 1.0 / floats[_INERTIA], 1.0 / floats[_STANDSTILL]
-    spread, coasting = 0.5 * floats[_TREAD] / (a + b), floats[_COASTING]
+    spread, coasting, idling = 0.5 * floats[_TREAD] / (a + b), floats[_COASTING], 1.0 / floats[_IDLING]
     drag, weight = floats[_DRAG], floats[_MASS] * GRAVITY
     rolling, off_rolling = weight * floats[_ROLLING], weight * floats[_OFF_ROLLING]
-    load_f, load_r = weight * b / (a + b), weight * a / (a + b)
-    grip_f, grip_r = load_f * floats[_FRONT_GRIP], load_r * floats[_REAR_GRIP]
-    stiff_f, stiff_r = load_f * floats[_FRONT_STIFF], load_r * floats[_REAR_STIFF]
-    gain, hold = (0.0, 0.0) if pedals else (mass * floats[_GAIN], drag)
+    body = (a, b, lightness, agility, weight * b / (a + b), weight * a / (a + b))
+    wings = (floats[_FRONT_WING], floats[_REAR_WING], floats[_HEIGHT] / (a + b))
+    grip_f, grip_r, stiff = floats[_FRONT_GRIP], floats[_REAR_GRIP], (floats[_FRONT_STIFF], floats[_REAR_STIFF])
+    limit, top = mass * floats[_GAIN], floats[_TOP]
+    gain, hold = (0.0, 0.0) if pedals else (limit, drag)
     speed, rise, rise_steps = floats[_SPEED], floats[_RISE], floats[_RISE_STEPS]
     second = LANES if pedals else 0  # the row of the pedals; without them any will do
     for i in range(LANES):
@@ -92,10 +94,12 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
         target = speed + rise * min(state[DRIVEN * LANES + i] / rise_steps, 1.0)
         pedal = within(action[second + i], 1.0)
         throttle = max(pedal, 0.0)
-        push = pedal * (thrust if pedal > 0.0 else brakes) - (1.0 - throttle) * coasting if pedals else rolling
+        push = pedal * (thrust if pedal > 0.0 else brakes) if pedals else rolling
+        coast = (1.0 - throttle) * coasting if pedals else 0.0
         most = power * throttle if pedals else power
-        tyres = (a, b, lightness, agility, hold_on * grip_f, hold_on * grip_r, stiff_f, stiff_r, reserve, skid, floor)
-        motor = (most, thrust, brakes, balance, drag, resistance, fade, gain, target, push, hold)
+        tyres = (*body, *wings, hold_on * grip_f, hold_on * grip_r, *stiff, reserve, skid, floor)
+        engine = (most, thrust, limit, top, coast, idling)
+        motor = (*engine, brakes, balance, drag, resistance, fade, gain, target, push, hold)
         goal, bend = lock * within(action[i], 1.0), state[_BEND * LANES + i]
         ds, dn, dp, du, dv, dr, d = advance(h, n, p, u, v, r, d, goal, pace, spread, bend, tyres, motor)
         state[DISTANCE * LANES + i] += ds

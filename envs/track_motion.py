@@ -9,9 +9,12 @@ has cot d = cot(inner) + t / 2 (a + b), as the Ackermann steering of TORCS::
     m (dv/dt + u r) = X_f sin d + Y_f cos d + Y_r
     I dr/dt         = a (X_f sin d + Y_f cos d) - b Y_r
 
-X are forces along the wheels, of the engine (rear) and the brakes, Y those to their sides. Of the grip
-G = mu * load of an axle, X leaves sqrt(G^2 - X^2) to the sides (the friction circle), of which the slip s, speed
-sideways over speed forwards, takes the share of Fiala's brush, which grows from a stiffness to full sliding::
+X are forces along the wheels, of the engine (rear) and the brakes, Y those to their sides. The load of an axle is its
+part of the weight, what the wings press on it, wing u^2, and what brakes (in front) or engine (behind) shift to it,
+h / (a + b) of what they are asked for and the tyres can hold, where h is the height of the centre of mass. Grip and
+stiffness grow with the load, so that who brakes a little in a curve spins. Of the grip G = mu * load of an axle, X
+leaves sqrt(G^2 - X^2) to the sides (the friction circle), of which the slip s, speed sideways over speed forwards,
+takes the share of Fiala's brush, which grows from a stiffness to full sliding::
 
     Y = -sign(s) (1 - (1 - z)^3) sqrt(G^2 - X^2),  z = min(1, stiffness |s| / (3 sqrt(G^2 - X^2)))
 
@@ -64,14 +67,20 @@ def _rates(n, p, u, v, r, sin_d, cos_d, bend, tyres, motor):  # type: ignore[no-
 
     Of mass, inertia and the speed of the standstill, here are the inverses: divisions take long.
     """
-    a, b, lightness, agility, grip_f, grip_r, stiff_f, stiff_r, reserve, skid, floor = tyres
-    power, thrust, brakes, balance, drag, rolling, fade, gain, target, push, hold = motor
+    a, b, lightness, agility, load_f, load_r, wing_f, wing_r, lever = tyres[:9]
+    mu_f, mu_r, stiff_f, stiff_r, reserve, skid, floor = tyres[9:]
+    power, thrust, limit, top, coast, idling, brakes, balance, drag, rolling, fade, gain, target, push, hold = motor
     demand = gain * (target - u) + push + hold * u * abs(u)
-    engine = min(min(max(demand, 0.0), thrust), power / max(u, 1.0))
-    brake = min(max(-demand, 0.0), brakes)
+    engine = max(min(min(min(demand, thrust), power / max(u, 1.0)), limit * (top - u)), 0.0)
+    engine -= coast * within(u * idling, 1.0)
     fading = within(u * fade, 1.0)
-    x_f = -fading * min(balance * brake, skid * grip_f)
-    x_r = min(max(engine - fading * (1.0 - balance) * brake, -skid * grip_r), reserve * grip_r)
+    brake = fading * min(max(-demand, 0.0), brakes)
+    load_f, load_r = load_f + wing_f * u * u, load_r + wing_r * u * u
+    shift = lever * within(engine - brake, load_f * mu_f + load_r * mu_r)
+    load_f, load_r = load_f - shift, load_r + shift
+    grip_f, grip_r, stiff_f, stiff_r = load_f * mu_f, load_r * mu_r, load_f * stiff_f, load_r * stiff_r
+    x_f = -within(balance * brake, skid * grip_f)
+    x_r = min(max(engine - (1.0 - balance) * brake, -skid * grip_r), reserve * grip_r)
     left_f = v + a * r
     y_f = _side_force(left_f * cos_d - u * sin_d, u * cos_d + left_f * sin_d, stiff_f, grip_f, x_f, floor)
     y_r = _side_force(v - b * r, u, stiff_r, grip_r, x_r, floor)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from array import array
-from collections.abc import Callable
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from time import perf_counter
 from typing import Any
+
+from typing_extensions import override
 
 from dpsearch.algos import Algorithm
 from dpsearch.envs.driving import SpeedProfile
@@ -21,9 +23,10 @@ from dpsearch.runs import RunError
 from scripts.arguments import named
 from scripts.experiments.driving_figures import draw_drives
 from scripts.experiments.driving_log import FAILED, NO_LAP, STEPS_A_MINUTE, WORN_IN, Drive, Logbook
-from scripts.experiments.driving_pedals import PEDAL_WORDS, PEDALS, TEST_STEPS, pedals_cell
+from scripts.experiments.driving_pedals import PEDAL_WORDS, PEDALS, TEST_STEPS, WIDTH, pedals_cell
+from scripts.experiments.driving_search import SEARCH, SearchCell
 from scripts.experiments.experiment import Cell, Experiment, Method
-from scripts.experiments.jobs import Outcome
+from scripts.experiments.jobs import Job, Outcome, Work
 from scripts.experiments.training import compose
 
 TASKS = {"torcs": "TORCS, g-track-2", "track": "embedded g-track-2"}
@@ -55,7 +58,7 @@ FASTER = Method(
     "RPG, our settings, until it fails",
     ("algo=rpg", "env.speed_profile=[10,250,7200]", "total_steps=216_000"),
 )
-METHODS = {method.name: method for method in (OURS, THESIS, FASTER, PEDALS)}
+METHODS = {method.name: method for method in (OURS, THESIS, FASTER, SEARCH, PEDALS)}
 # Section 3.4.4: 10 of 10 runs, "just under 2 minutes", 70 km/h, "just under 3 minutes"
 REPORTED = {SETTLED: 120.0, CLEAN: 70.0, LAP: 180.0}
 
@@ -69,11 +72,26 @@ def learner(overrides: tuple[str, ...], seed: int) -> tuple[Algorithm[Any], arra
 
 
 def measure(overrides: tuple[str, ...], seed: int) -> Outcome:
-    """Learn while driving, and say how the drive was."""
+    """Learn during a drive, and say how the drive was."""
+    return drive(overrides, seed, until_failure=False)
+
+
+def measure_until_failure(overrides: tuple[str, ...], seed: int) -> Outcome:
+    """The same of a drive that ends when the policy fails."""
+    return drive(overrides, seed, until_failure=True)
+
+
+def drive(overrides: tuple[str, ...], seed: int, *, until_failure: bool) -> Outcome:
+    """Learn during a drive, and say how the drive was."""
     algorithm, rows = learner(overrides, seed)
+
+    def goes_on(*_: object) -> bool:
+        last = rows[-5 * max(STEPS_A_MINUTE, round(30.0 * WORN_IN)) :]
+        return not (until_failure and Drive(last).failed)
+
     start = perf_counter()
     with suppress(FloatingPointError):  # it diverged: the drive is what it is
-        algorithm.learn(total_steps=compose(overrides).config.total_steps, callback=until_failure(rows, overrides))
+        algorithm.learn(total_steps=compose(overrides).config.total_steps, callback=goes_on)
     wall = perf_counter() - start
     algorithm.close()
     drive = Drive(rows)
@@ -95,25 +113,13 @@ def measure(overrides: tuple[str, ...], seed: int) -> Outcome:
     }
 
 
-def until_failure(rows: array[float], overrides: tuple[str, ...]) -> Callable[..., bool] | None:
-    """What ends a drive whose speed goes on rising: that the policy fails; None for all other drives."""
-    if overrides[: len(FASTER.overrides)] != FASTER.overrides:
-        return None
-
-    def goes_on(*_: object) -> bool:
-        last = rows[-5 * max(STEPS_A_MINUTE, round(30.0 * WORN_IN)) :]
-        return not Drive(last).failed
-
-    return goes_on
-
-
 def unseen(algorithm: Algorithm[Any], overrides: tuple[str, ...]) -> float:
     """On how many of twenty random roads the policy's most probable actions keep the car for three minutes (%)."""
     kwargs = compose(overrides).config.env.recipe().kwargs
     options = {name: kwargs[name] for name in ("observations", "lookahead", "control_hz")}
     kept = 0
     for road in UNSEEN_ROADS:
-        road_kwargs = {**options, "track": road, "speed_profile": UNSEEN_SPEED, "stuck_seconds": 0.01}
+        road_kwargs = {**options, "track": road, "width": WIDTH, "speed_profile": UNSEEN_SPEED, "stuck_seconds": 0.01}
         rollouts = make_rollouts(Track, env_kwargs=road_kwargs, max_episode_steps=5400)
         kept += not rollouts.collect(algorithm.policy, 1, key=0, greedy=True, record=False).terminated[0]
         rollouts.close()
@@ -141,13 +147,23 @@ def _add_options(parser: ArgumentParser) -> None:
     )  # fmt: skip
 
 
+class UntilFailure(Cell):
+    """Runs that end when the policy fails."""
+
+    @override
+    def jobs(self, work: Work, seeds: Sequence[int]) -> list[Job]:
+        """A run for each seed."""
+        return super().jobs(measure_until_failure, seeds)
+
+
 def _cells(args: Namespace) -> list[Cell]:
     cells = []
     for simulator in args.simulators:
         for method in args.methods:
             if method is not PEDALS:
                 overrides = (*method.overrides, f"env={simulator}")
-                cells.append(Cell(TASKS[simulator], method, overrides, compose(overrides)))
+                kind = {FASTER: UntilFailure, SEARCH: SearchCell}.get(method, Cell)
+                cells.append(kind(TASKS[simulator], method, overrides, compose(overrides)))
     if not cells:
         raise RunError("a drive with pedals has no part in the figure: --methods needs another one too")
     if PEDALS in args.methods and set(args.simulators) == set(TASKS):
@@ -182,12 +198,18 @@ EXPERIMENTS = (
         f"clean lap counts as {NO_LAP:,.0f} s. Numbers are means over runs with the 95% bootstrap interval. *Unseen* "
         "are 20 random roads of the embedded simulator, each driven for three minutes at "
         f"{UNSEEN_SPEED:g} km/h without noise after the drive. "
+        "A black-box search for the steering has as much driving, in episodes of 20 s in which the speed runs through "
+        "the same range. After each generation, a test of three minutes, which is not counted, says whether its policy "
+        "leaves the road; the numbers are how much had been driven before all later tests were passed, and those of a "
+        "half hour up to 70 km/h afterwards, without learning or noise. "
         "With throttle and brake there is no learning while driving: a black-box search plays episodes of a minute on "
         f"the embedded track, and what it comes up with drives {TEST_STEPS / 1800:g} minutes there and, without having "
         "learned anything of it, in TORCS. Lap times are then those of the runs that have a clean lap, all else is of "
         "all runs. "
-        "Settings were chosen by results of seeds some of which are in the table too (with pedals: one), so numbers "
-        "are somewhat flattering; the rising drives have the first seeds of the half hours. "
+        "Settings were chosen by results of other seeds, from 100 on, except those of RPG in TORCS, which are older: "
+        "some of the seeds they were chosen by are in the table. On the seeds 100 to 109 ten of ten such runs are on "
+        "the road for good within two minutes. On the embedded track, noise that lasts was dropped when the first "
+        "five seeds of the table had been seen with it. The rising drives have the first seeds of the half hours. "
         "The figure has the last lap of the first run of the first line.",
         runs=10,
         statistic="mean",
@@ -199,6 +221,6 @@ EXPERIMENTS = (
         sections=_sections,
         draw=partial(draw_drives, learner),
         log="driving",
-        fewer={FASTER.name: 5, PEDALS.name: 5},
+        fewer={FASTER.name: 5},
     ),
 )

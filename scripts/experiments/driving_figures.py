@@ -80,9 +80,9 @@ def _film(algorithm: Algorithm[Any], cell: Cell, path: Path) -> None:
 
 
 def _while_learning(axes: Axes, results: Results) -> None:
-    for number, (cell, outcomes) in enumerate(zip(results.cells, results.outcomes, strict=True)):
-        if "off_seconds" not in outcomes[0]:
-            continue  # it did not learn while driving
+    cells = zip(results.cells, results.outcomes, strict=True)
+    drives = [(cell, outcomes) for cell, outcomes in cells if "off_seconds" in outcomes[0]]  # learned from as they went
+    for number, (cell, outcomes) in enumerate(drives):
         minutes = [outcome["off_seconds"][:30] for outcome in outcomes]
         means = np.mean(minutes, axis=0)
         x = np.arange(len(means)) + 0.5

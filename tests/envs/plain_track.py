@@ -36,6 +36,7 @@ class PlainCar:
     def derivative(self, state: Array, wheels: float, demand: float | None, target: float) -> Array:
         """Time derivative of the state, by Newton's laws in the ground's frame."""
         car, weight = self.car, self.car.mass * 9.81
+        coasting = 0.0
         yaw, velocity, rate = state[2], complex(state[3], state[4]), state[5]
         ahead = complex(math.cos(yaw), math.sin(yaw))
         u = (velocity / ahead).real
@@ -46,8 +47,10 @@ class PlainCar:
         else:
             throttle = max(demand, 0.0)
             force, power = demand * (car.thrust if demand > 0 else car.brakes), car.power * throttle
-            force -= (1.0 - throttle) * car.coasting
-        engine, brake = min(max(force, 0.0), car.thrust, power / max(u, 1.0)), min(max(-force, 0.0), car.brakes)
+            coasting = (1.0 - throttle) * car.coasting * min(max(u / car.idling, -1.0), 1.0)
+        engine = max(min(force, car.thrust, power / max(u, 1.0), car.mass * car.speed_gain * (car.top_speed - u)), 0.0)
+        engine -= coasting
+        brake = min(max(-force, 0.0), car.brakes)
         fading = min(max(u / car.standstill, -1.0), 1.0)
         front_brake = car.brake_balance * brake
         rear_brake = fading * (brake - front_brake)
@@ -55,11 +58,14 @@ class PlainCar:
         length, surface = car.front + car.rear, car.off_road_grip if self.off_road else 1.0
         middle = math.atan(math.tan(wheels) / (1.0 + 0.5 * car.tread / length * abs(math.tan(wheels))))
         axles = (
-            (car.front, weight * car.rear / length, car.front_grip, car.front_stiffness, middle, -fading * front_brake),
-            (-car.rear, weight * car.front / length, car.rear_grip, car.rear_stiffness, 0.0, engine - rear_brake),
+            (car.front, car.front_load, car.front_wing, car.front_grip, car.front_stiffness, middle),
+            (-car.rear, car.rear_load, car.rear_wing, car.rear_grip, car.rear_stiffness, 0.0),
         )
-        for arm, load, best, stiffness, turned, along in axles:
-            grip = surface * best
+        along_axles = (-fading * front_brake, engine - rear_brake)
+        most = sum(surface * best * (standing + wing * u * u) for _, standing, wing, best, _, _ in axles)
+        shift = car.height / length * min(max(engine - fading * brake, -most), most)
+        for (arm, standing, wing, best, stiffness, turned), along in zip(axles, along_axles, strict=True):
+            grip, load = surface * best, standing + wing * u * u - math.copysign(shift, arm * shift)
             wheel = ahead * complex(math.cos(turned), math.sin(turned))
             moving = velocity + 1j * rate * arm * ahead
             limited = min(max(along, -car.skid * grip * load), car.reserve * grip * load)

@@ -53,8 +53,9 @@ def test_observations_are_shifted_and_scaled_in_the_order_that_was_asked_for() -
         ({"observations": ["target"], "speed_profile": None}, "target without a speed_profile"),
         ({"speed_profile": (10, 70)}, "speed_profile must be start and end .* number .* None for the pedals"),
         ({"speed_profile": (10, 70, 0)}, "speed_profile must be"),
-        ({"speed_profile": (10, 500, 1)}, r"in \(0, 400\] km/h"),
+        ({"speed_profile": (10, 500, 1)}, r"in \[2, 400\] km/h"),
         ({"speed_profile": 0}, "speed_profile must be"),
+        ({"speed_profile": 1.9}, "speed_profile must be"),  # nearly standing
         ({"speed_profile": math.nan}, "speed_profile must be"),
         ({"speed_profile": True}, "speed_profile must be"),
         ({"speed_profile": "fast"}, "speed_profile must be"),

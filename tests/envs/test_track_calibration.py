@@ -27,7 +27,8 @@ class Run(NamedTuple):
 
     Attributes:
         surface: Asphalt or grass.
-        command: "steer", while a controller holds the speed, or "pedal", straight ahead.
+        command: "steer", while a controller holds the speed; "pedal", straight ahead; or, for example, "pedal-0.5", to
+            steer with that pedal.
         value: Of the command, in [-1, 1].
         kmh: The speed.
     """
@@ -63,6 +64,8 @@ def driven(run: Run, torcs: NDArray[np.float64]) -> NDArray[np.float64]:
         start[rows.OFFSET] = 100.0
     env._stepper.put(0, start)
     action = np.array([run.value] if steers else [0.0, run.value])
+    if run.command not in ("steer", "pedal"):
+        action = np.array([run.value, float(run.command.removeprefix("pedal"))])
     seen, steps = [], 0
     for time in torcs[:, 0]:
         for _ in range(steps, round(30 * time)):
@@ -82,6 +85,11 @@ def missed(run: Run) -> tuple[float, float, float]:
     return gap / way, float(torcs[-1, 3]), math.remainder(ours[-1, 3] - torcs[-1, 3], 2 * math.pi)
 
 
+def together() -> list[Run]:
+    """The runs in which the wheels were turned while a pedal was pressed."""
+    return [run for run in RUNS if run.command not in ("steer", "pedal")]
+
+
 def steering(surface: str, lowest: float, highest: float) -> list[Run]:
     """The runs in which the wheels were turned, of a range of the command."""
     return [run for run in RUNS if (run.surface, run.command) == (surface, "steer") and lowest <= run.value <= highest]
@@ -90,29 +98,46 @@ def steering(surface: str, lowest: float, highest: float) -> list[Run]:
 @pytest.mark.parametrize("run", steering("asphalt", 0.0, 0.1), ids=str)
 def test_steering_leads_to_the_same_place(run: Run) -> None:
     share, turned, error = missed(run)
-    assert share < 0.02
-    assert abs(error) < max(0.04 * turned, math.radians(0.5))
+    assert share < 0.03
+    assert abs(error) < max(0.07 * turned, math.radians(0.8))
 
 
 @pytest.mark.parametrize("run", steering("asphalt", 0.2, 0.4), ids=str)
 def test_the_car_slides_like_that_of_torcs(run: Run) -> None:
     share, turned, error = missed(run)
-    assert share < 0.06
-    assert abs(error) < 0.08 * turned
+    assert share < 0.05
+    assert abs(error) < 0.06 * turned
 
 
 @pytest.mark.parametrize("run", steering("grass", 0.0, 1.0), ids=str)
 def test_it_slides_on_grass_too(run: Run) -> None:
     share, turned, error = missed(run)
     assert share < 0.06
-    assert abs(error) < 0.12 * turned
+    assert abs(error) < 0.15 * turned
 
 
 @pytest.mark.parametrize("run", [run for run in RUNS if run.command == "pedal"], ids=str)
 def test_pedals_give_the_same_speeds(run: Run) -> None:
-    """Within 3 km/h, or 8% of the fastest; what ``track_car`` says does not fit so well, within 23%."""
+    """Within 3 km/h, or a tenth of the fastest."""
     torcs = RUNS[run]
     errors = KMH * np.abs(driven(run, torcs)[:, 4] - torcs[:, 4])
-    fastest = KMH * torcs[:, 4].max()
-    loose = 0.0 <= run.value < 0.5 or (run.value == -1.0 and run.kmh > 120)
-    assert errors.max() < max(3.0, (0.23 if loose else 0.08) * fastest)
+    assert errors.max() < max(3.0, 0.1 * KMH * torcs[:, 4].max())
+
+
+@pytest.mark.parametrize("run", together(), ids=str)
+def test_pedals_in_a_curve_lead_to_the_same_place(run: Run) -> None:
+    """Except with full throttle at 80 km/h, where TORCS' car skids more than ours."""
+    torcs = RUNS[run]
+    ours = driven(run, torcs)
+    skids = run.command == "pedal1" and run.kmh == 80
+    assert math.dist(ours[-1, 1:3], torcs[-1, 1:3]) < (7.0 if skids else 1.0 + 0.03 * torcs[-1, 1])
+
+
+@pytest.mark.parametrize("kmh", [120.0, 160.0, 200.0])
+def test_some_brake_makes_the_car_spin_and_all_of_it_makes_it_go_straight_on(kmh: float) -> None:
+    runs = {pedal: Run("asphalt", f"pedal{pedal:g}", 0.05, kmh) for pedal in (-1.0, -0.5, 0.5)}
+    theirs = {pedal: RUNS[run][-1, 3] for pedal, run in runs.items()}
+    ours = {pedal: driven(run, RUNS[run])[-1, 3] for pedal, run in runs.items()}
+    for turned in (theirs, ours):
+        assert turned[-0.5] > 1.7 * turned[0.5]
+        assert turned[-1.0] < 0.2 * turned[0.5]
