@@ -63,5 +63,5 @@ def read_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
     except Exception as error:
         raise CheckpointError(f"{path} is truncated or not a checkpoint ({type(error).__name__})") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise CheckpointError(f"{path} is not a dpsearch checkpoint of format {FORMAT}")
+        raise CheckpointError(f"{path} is not a dpsearch checkpoint of format {FORMAT}, which this version reads")
     return content

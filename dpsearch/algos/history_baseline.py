@@ -83,6 +83,8 @@ class HistoryBaseline(Baseline):
             for parameter in self._net.parameters():
                 parameter.grad = None
             ((expected - targets).square() * weights).sum().backward()
+            if not all(bool(p.grad.isfinite().all()) for p in self._net.parameters() if p.grad is not None):
+                break  # it has exploded on its way back through thousands of steps, and would leave no weight finite
             self._optimizer.step()
         if isinstance(episodes, Pieces):
             self._carry(episodes, inputs, state)

@@ -28,7 +28,7 @@ from typing_extensions import override
 from dpsearch.algos.base import Algorithm, Env, Metrics
 from dpsearch.algos.baselines import SharedBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
-from dpsearch.algos.settings import positive_or_none, require
+from dpsearch.algos.settings import FINITE, positive_or_none, require
 from dpsearch.policies import PolicyConfig
 from dpsearch.rollout import Episodes
 
@@ -101,7 +101,7 @@ class LRWRConfig:
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (0.0 <= self.baseline_weight < math.inf, "0 or more"),
                 "discount_steps": (not self.discount_steps or self.baseline == "none", "false with a baseline"),
-                "tau": (positive_or_none(self.tau), "positive and finite, or null"),
+                "tau": (positive_or_none(self.tau), FINITE),
                 "steepness": (
                     positive_or_none(self.steepness) and (self.steepness is None or self.tau is None),
                     "positive and finite, or null; tau, which it takes the place of, must be null beside it",
@@ -113,7 +113,7 @@ class LRWRConfig:
                 "max_epochs": (isinstance(self.max_epochs, int) and self.max_epochs >= 1, "a whole number, at least 1"),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
-                "learning_rate_halflife": (positive_or_none(self.learning_rate_halflife), "positive or null"),
+                "learning_rate_halflife": (positive_or_none(self.learning_rate_halflife), FINITE),
             },
         )
 

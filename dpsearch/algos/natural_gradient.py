@@ -70,6 +70,8 @@ def natural_step(
 
     x, residual, direction = torch.zeros_like(g), g.clone(), g.clone()
     left = start = float(g @ g)
+    if not math.isfinite(start):
+        return gradient  # for the caller to refuse: it has no direction
     for _ in range(ITERATIONS):
         if left <= TOLERANCE * start:
             break

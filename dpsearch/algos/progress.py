@@ -1,4 +1,4 @@
-"""When to give a start up: from some weights learning comes to nothing, and from others past the same point."""
+"""When to give a start up: from some weights learning gets past a point at which it stays from others."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ WINDOW = 100  # episodes whose mean return is compared, or ``patience`` if that 
 class Progress:
     """Whether learning still gets ahead: early stopping with patience, of a start instead of a run.
 
+    Progress is relative, so that it does not depend on the unit of reward. From a mean of exactly 0 only a positive one
+    is progress: where no return is above 0, something else has to end a run that got there, as ``until_solved`` does.
+
     Args:
         patience: Episodes within which it has to; None never gives up.
         gain: By which share of its size the mean return of the last ``WINDOW`` episodes has to rise above what it was
@@ -28,7 +31,7 @@ class Progress:
 
     @property
     def stalled(self) -> bool:
-        """Whether it has not, for that long."""
+        """Whether ``patience`` episodes have gone by without progress."""
         return self._patience is not None and self._since >= self._patience
 
     def note(self, returns: NDArray[Any]) -> None:

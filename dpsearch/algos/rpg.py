@@ -31,7 +31,7 @@ from dpsearch.algos.natural_gradient import natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.progress import Progress
 from dpsearch.algos.quadratic_baseline import QuadraticBaseline
-from dpsearch.algos.settings import positive_or_none, require
+from dpsearch.algos.settings import FINITE, positive_or_none, require
 from dpsearch.kernels.philox import stream_key
 from dpsearch.rollout import Episodes, Pieces, Stream
 
@@ -44,7 +44,7 @@ class RPGConfig:
     """How RPG learns. The defaults are the thesis's best for the T-maze (section 3.4.2).
 
     Attributes:
-        batch_size: Episodes N of one update; the thesis's standard elsewhere is 1.
+        batch_size: Episodes N of one update, if ``update_steps`` is not given; the thesis's standard elsewhere is 1.
         gamma: Discount factor of the returns R_t, in (0, 1].
         optimizer: Name of a class in ``torch.optim`` (those in ``OPTIMIZERS``).
         learning_rate: Its step size alpha.
@@ -132,10 +132,10 @@ class RPGConfig:
                 "batch_size": (isinstance(self.batch_size, int) and self.batch_size >= 1, "a whole number, at least 1"),
                 "gamma": (0.0 < self.gamma <= 1.0, "in (0, 1]"),
                 "learning_rate": (0.0 < self.learning_rate < math.inf, "positive and finite"),
-                "learning_rate_halflife": (positive_or_none(self.learning_rate_halflife), "positive or null"),
+                "learning_rate_halflife": (positive_or_none(self.learning_rate_halflife), FINITE),
                 "trace": (0.0 <= self.trace <= 1.0, "in [0, 1]"),
                 "advantage_memory": (0.0 < self.advantage_memory <= 1.0, "in (0, 1]"),
-                "gradient_length": (positive_or_none(self.gradient_length), "positive or null"),
+                "gradient_length": (positive_or_none(self.gradient_length), FINITE),
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (self.baseline_weight >= 0.0, "0 or more"),
                 "baseline_cells": (self.baseline_cells >= 1, "at least 1"),
@@ -145,7 +145,7 @@ class RPGConfig:
                 "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
                 "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
-                "entropy_halflife": (positive_or_none(self.entropy_halflife), "positive or null"),
+                "entropy_halflife": (positive_or_none(self.entropy_halflife), FINITE),
                 "natural_step": (
                     self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
                     "positive or null; with it, gradient_length must be null, optimizer SGD, baseline not shared and "
@@ -155,7 +155,7 @@ class RPGConfig:
                     self.restart_episodes is None or (self.restart_episodes >= 1 and self.update_steps is None),
                     "at least 1, and without update_steps, or null",
                 ),
-                "restart_gain": (self.restart_gain >= 0.0, "0 or more"),
+                "restart_gain": (0.0 <= self.restart_gain < math.inf, "0 or more"),
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
                 "update_steps": (
                     self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
@@ -281,9 +281,10 @@ class RPG(Algorithm[RPGConfig]):
     def backpropagate(self, episodes: Episodes) -> Metrics:
         """Add minus section 3.3.2's gradient to the parameters' ``grad``, or set it to minus the natural step.
 
+        The baseline learns from the episodes, and ``progress`` notes their returns.
+
         Returns:
-            The mean ``entropy`` in nats, and the ``explained_variance``: what part of the variance of the returns R_t
-            the baseline foresaw.
+            The mean ``entropy`` in nats, and the ``explained_variance``: what part of the R_t's the baseline foresaw.
         """
         head, config = self.policy.head, self.config
         mask = episodes.mask  # (T, N)

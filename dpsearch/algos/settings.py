@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+FINITE = "positive and finite, or null"  # what ``positive_or_none`` accepts
+
 
 def require(settings: object, accepted: Mapping[str, tuple[bool, str]]) -> None:
     """Make sure that settings are in range.

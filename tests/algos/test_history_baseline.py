@@ -81,6 +81,18 @@ def test_batches_of_one_return_have_a_scale() -> None:
     assert 0.9 < trained.state_dict()["returns"][-1] < 1.1  # of returns that are 1 and -1 in turn
 
 
+def test_a_gradient_that_explodes_is_not_followed() -> None:
+    """As when a recurrent weight has grown, in episodes of thousands of steps."""
+    trained, played = learned(1), episodes(20)
+    state = trained.state_dict()
+    for name, weights in state["net"].items():
+        if "weight_hh" in name:
+            weights.fill_(1e30)
+    trained.load_state_dict(state)
+    trained(played, torch.empty(0), played.returns_to_go(0.98), played.mask)
+    assert all(bool(weights.isfinite().all()) for weights in trained.state_dict()["net"].values())
+
+
 def test_options_that_do_not_fit_the_optimiser_are_named() -> None:
     with pytest.raises(ValueError, match="baseline_optimizer_options do not fit Adam"):
         RPG("dpsearch/TMaze-v0", baseline="history", baseline_optimizer_options={"momentum": 0.9})

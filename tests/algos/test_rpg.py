@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from copy import deepcopy
 from typing import Any
 from unittest import mock
@@ -332,6 +333,8 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
         ("learning_rate_halflife", -1.0),
         ("restart_episodes", 0),
         ("restart_gain", -1.0),
+        ("restart_gain", math.inf),
+        ("gradient_length", math.inf),
         ("baseline", "mean"),
         ("baseline_cells", 0),
         ("baseline_optimizer", "Sgd"),
