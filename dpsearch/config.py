@@ -105,7 +105,7 @@ class DrivingConfig(EnvConfig):
     """Driving; see ``dpsearch.envs.driving``.
 
     Attributes:
-        speed_profile: Start and end in km/h and the seconds between; one speed; null for pedals.
+        speed_profile: Start and end in km/h (2 to 400) and the seconds between; one speed; null for pedals.
         observations: Names of what is seen.
         lookahead: Base (m) and gain (s) of the look-ahead distance.
         start: "line" or "random".

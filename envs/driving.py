@@ -212,7 +212,7 @@ def driving_rules(
     """Rules from the options of an environment.
 
     Args:
-        speed_profile: (start, end, seconds) in km/h, km/h and s; a number for a constant speed; None for pedals.
+        speed_profile: (start, end, seconds) in km/h (2 to 400) and s; a number for a constant speed; None for pedals.
         observations: Names, each at most once, of ``OBSERVATIONS``.
         lookahead: Base (m) and gain (s) of the look-ahead distance.
         start: "line" or "random".
@@ -255,9 +255,10 @@ def _profile(given: Any) -> SpeedProfile | None:
         return None
     numbers = (float(given), float(given), 1.0) if _is_number(given) else _numbers(given, 3)
     if numbers is None or not (all(SLOWEST <= v <= FASTEST for v in numbers[:2]) and 0.0 < numbers[2] < math.inf):
+        held = f"[{SLOWEST:g}, {FASTEST:g}]"
         raise ValueError(
-            "speed_profile must be start and end in [2, 400] km/h and positive seconds from the one to the other, a "
-            f"number in [2, 400] for a constant speed, or None for the pedals, got {given!r}"
+            f"speed_profile must be start and end in {held} km/h and positive seconds from the one to the other, a "
+            f"number in {held} for a constant speed, or None for the pedals, got {given!r}"
         )
     return SpeedProfile(*numbers)
 

@@ -300,7 +300,7 @@ FADING: dict[str, Any] = {"entropy_bonus": 0.1, "entropy_halflife": 5.0, "learni
         {"baseline": "shared", "batch_steps": 150},
         {"normalise_advantages": True, "trace": 0.9, **FADING},
         {"baseline": "history"},
-        {"baseline": "history", "restart_episodes": 100},
+        {"baseline": "history", "restart_episodes": 40, "restart_gain": 100.0},
         {"baseline": "history", "natural_step": 0.01, "optimizer": "SGD", "gradient_length": None},
     ],
 )
@@ -314,6 +314,7 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
     resumed.learn(total_updates=20)
     np.testing.assert_array_equal(one.policy.vector(), resumed.policy.vector())
     assert list(one.recent_returns) == list(resumed.recent_returns)
+    assert (resumed.starts > 1) == ("restart_episodes" in settings)
 
 
 @pytest.mark.parametrize(
