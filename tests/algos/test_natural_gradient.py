@@ -80,6 +80,15 @@ def test_a_step_changes_the_policy_by_the_divergence_asked_for(
     assert least * divergence <= found <= most * divergence
 
 
+def test_a_gradient_that_is_not_finite_stops_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    rpg = natural_rpg("dpsearch/TMaze-v0", natural_step=1e-3, baseline="constant")
+    episodes = rpg.play_batch(30)
+    episodes.rewards[:] = np.nan
+    monkeypatch.setattr(rpg, "play_batch", lambda count: episodes)
+    with pytest.raises(FloatingPointError, match="not finite"):
+        rpg.update()
+
+
 def test_the_size_of_rewards_does_not_matter() -> None:
     found = []
     for factor in (1.0, 1000.0):
