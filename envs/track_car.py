@@ -19,9 +19,10 @@ How far it misses TORCS after 2 s of steering, as a share of the way, and in deg
 The front tyres slide at 17 m/s^2 at 60 km/h, 20 at 120 and 29 at 220, where the wings press the car down. Full
 throttle takes it from 10 to 100 km/h in 2.5 s (TORCS: 2.4 s), to 200 in 6.4 s (6.5 s), and at last to 268 km/h (269).
 Full brakes stop it from 60 km/h within 7.8 m (8.5 m), from 100 within 20.4 m (21.8 m), from 240 within 100 m (97 m).
-Speeds are off by less than a tenth. With 0.05 of the steering and half of the brakes both cars spin: from 160 km/h they
-have turned by 79 degrees (67) after 1.4 s, but with half the throttle by 35 (34). With all of the brakes the wheels
-lock, and both go straight on. On grass paths are within 6%, headings within 15%.
+With the pedals, speeds are off by less than a tenth of the fastest of the same recording. With 0.05 of the steering and
+half of the brakes both cars spin: from 160 km/h they have turned by 79 degrees (67) after 1.4 s, but with half the
+throttle by 35 (34). With all of the brakes the wheels lock, and both go straight on, within 5 degrees. Other headings
+with a pedal are within 4 degrees, or a fifth. On grass paths are within 6%, headings within 15%.
 
 What does not fit: a gearbox makes what the engine does depend on the gear. With full throttle in a curve, TORCS' car
 skids at 80 km/h, this one less. And roads are flat here, while those of TORCS have hills and banks.
@@ -69,7 +70,8 @@ class Car:
         drag: Of the air, wings and wheels, force over speed squared (N s^2/m^2).
         rolling: Resistance of the wheels on the road, as a share of the weight.
         standstill: Speed (m/s) below which brakes and resistance fade out, so that they stop the car and no more.
-        speed_gain: Acceleration that the speed controller demands for each m/s that is missing (1/s).
+        speed_gain: Acceleration that the speed controller demands for each m/s that is missing (1/s). With the same
+            slope, for want of a better one, the engine's force fades in the last half m/s before ``top_speed``.
         off_road_grip: Share of the grip that there is beside the road.
         off_road_rolling: Resistance of the wheels there, as a share of the weight.
         verge: Width of what is beside the road, up to a wall (m); the grass of e-track-1 is mostly as wide.

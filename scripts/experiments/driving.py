@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from array import array
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from time import perf_counter
 from typing import Any
-
-from typing_extensions import override
 
 from dpsearch.algos import Algorithm
 from dpsearch.envs.driving import SpeedProfile
@@ -24,9 +21,9 @@ from scripts.arguments import named
 from scripts.experiments.driving_figures import draw_drives
 from scripts.experiments.driving_log import FAILED, NO_LAP, STEPS_A_MINUTE, WORN_IN, Drive, Logbook
 from scripts.experiments.driving_pedals import PEDAL_WORDS, PEDALS, TEST_STEPS, WIDTH, pedals_cell
-from scripts.experiments.driving_search import SEARCH, SearchCell
+from scripts.experiments.driving_search import SEARCH, SearchCell, search_steering
 from scripts.experiments.experiment import Cell, Experiment, Method
-from scripts.experiments.jobs import Job, Outcome, Work
+from scripts.experiments.jobs import Outcome
 from scripts.experiments.training import compose
 
 TASKS = {"torcs": "TORCS, g-track-2", "track": "embedded g-track-2"}
@@ -147,23 +144,14 @@ def _add_options(parser: ArgumentParser) -> None:
     )  # fmt: skip
 
 
-class UntilFailure(Cell):
-    """Runs that end when the policy fails."""
-
-    @override
-    def jobs(self, work: Work, seeds: Sequence[int]) -> list[Job]:
-        """A run for each seed."""
-        return super().jobs(measure_until_failure, seeds)
-
-
 def _cells(args: Namespace) -> list[Cell]:
     cells = []
     for simulator in args.simulators:
         for method in args.methods:
             if method is not PEDALS:
-                overrides = (*method.overrides, f"env={simulator}")
-                kind = {FASTER: UntilFailure, SEARCH: SearchCell}.get(method, Cell)
-                cells.append(kind(TASKS[simulator], method, overrides, compose(overrides)))
+                overrides, kind = (*method.overrides, f"env={simulator}"), SearchCell if method is SEARCH else Cell
+                work = {FASTER: measure_until_failure, SEARCH: search_steering}.get(method)
+                cells.append(kind(TASKS[simulator], method, overrides, compose(overrides), work=work))
     if not cells or isinstance(cells[0], SearchCell):
         raise RunError(
             "the figure is of RPG while it learns: --methods has to begin with rpg, rpg_thesis or rpg_faster"

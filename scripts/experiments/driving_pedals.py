@@ -21,7 +21,7 @@ from dpsearch.report.statistics import Statistic
 from dpsearch.report.tables import SUCCESS_RATE, Row
 from scripts.experiments.driving_log import NO_LAP, Drive, Logbook
 from scripts.experiments.experiment import Cell, Method
-from scripts.experiments.jobs import Job, Outcome, Work
+from scripts.experiments.jobs import Outcome
 from scripts.experiments.training import compose
 
 ROAD: Final = "g-track-2"
@@ -45,11 +45,6 @@ class PedalsCell(Cell):
     """Runs that search once and drive twice, so they have a line of the table for each simulator."""
 
     @override
-    def jobs(self, work: Work, seeds: Sequence[int]) -> list[Job]:
-        """A run for each seed."""
-        return super().jobs(search_and_drive, seeds)
-
-    @override
     def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:
         """What the drives come to in each simulator."""
         rows = []
@@ -64,7 +59,7 @@ class PedalsCell(Cell):
 
 def pedals_cell() -> Cell:
     """The search that ``experiment=driving_pedals`` makes."""
-    return PedalsCell(ROAD, PEDALS, PEDALS.overrides, compose(PEDALS.overrides))
+    return PedalsCell(ROAD, PEDALS, PEDALS.overrides, compose(PEDALS.overrides), work=search_and_drive)
 
 
 def search_and_drive(overrides: tuple[str, ...], seed: int) -> Outcome:

@@ -18,7 +18,7 @@ from dpsearch.report.tables import Row
 from scripts.experiments.driving_log import Drive
 from scripts.experiments.driving_pedals import drive_on
 from scripts.experiments.experiment import Cell, Method
-from scripts.experiments.jobs import Job, Outcome, Work
+from scripts.experiments.jobs import Outcome
 from scripts.experiments.training import Settings, compose
 
 SEARCH: Final = Method("search", "black-box search, steering", ("algo=cmaes",))
@@ -29,11 +29,6 @@ HALF_HOUR: Final = 54_000  # steps
 
 class SearchCell(Cell):
     """Runs that search first and drive then: they have no first clean minutes while they learn."""
-
-    @override
-    def jobs(self, work: Work, seeds: Sequence[int]) -> list[Job]:
-        """A run for each seed."""
-        return super().jobs(search_steering, seeds)
 
     @override
     def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:

@@ -50,6 +50,7 @@ class Cell:
         recipe: What chooses the settings, the method's included, when a run is made: Hydra's overrides, for example.
         settings: What they come to.
         thesis: The thesis's numbers, by metric; the standard deviation of a metric is ``metric_std``.
+        work: What makes its runs; None for what makes those of the experiment.
     """
 
     task: str
@@ -57,10 +58,11 @@ class Cell:
     recipe: Hashable
     settings: Settings
     thesis: Mapping[str, float] = field(default_factory=dict)
+    work: Work | None = None
 
     def jobs(self, work: Work, seeds: Sequence[int]) -> list[Job]:
-        """A run for each seed."""
-        config = self.settings.fingerprint()
+        """A run for each seed, made by ``work`` if the cell has none of its own."""
+        config, work = self.settings.fingerprint(), self.work or work
         return [Job(self.task, self.method.name, config, self.recipe, seed, work) for seed in seeds]
 
     def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:

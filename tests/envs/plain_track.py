@@ -65,7 +65,7 @@ class PlainCar:
         most = sum(surface * best * (standing + wing * u * u) for _, standing, wing, best, _, _ in axles)
         shift = car.height / length * min(max(engine - fading * brake, -most), most)
         for (arm, standing, wing, best, stiffness, turned), along in zip(axles, along_axles, strict=True):
-            grip, load = surface * best, standing + wing * u * u - math.copysign(shift, arm * shift)
+            grip, load = surface * best, standing + wing * u * u - math.copysign(1.0, arm) * shift
             wheel = ahead * complex(math.cos(turned), math.sin(turned))
             moving = velocity + 1j * rate * arm * ahead
             limited = min(max(along, -car.skid * grip * load), car.reserve * grip * load)

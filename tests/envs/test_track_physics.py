@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dpsearch.envs import Track
 from dpsearch.envs import track_kernel as rows
@@ -48,8 +49,10 @@ def test_a_step_is_close_to_the_exact_motion(pedals: bool, off_road: bool) -> No
     """From states as wild as can be: up to full slides, with the wheels turned from one side to the other."""
     env = Track(track="oval", width=30.0, speed_profile=None if pedals else 60)
     plain = PlainCar(CAR, off_road)
-    errors = measured(env, plain, pedals)
-    assert (np.max(errors, axis=0) < [3e-3, 3e-3, 3e-3, 0.15, 0.15, 0.15]).all()
+    errors, backwards = measured(env, plain, pedals)
+    assert (np.max(errors[~backwards], axis=0) < [3e-5, 3e-5, 3e-5, 2e-3, 2e-3, 2e-3]).all()
+    # Brakes that stop a car which rolls back let go within a part of one substep, and the loads on the axles with them.
+    assert (np.max(errors[backwards], axis=0) < [3e-3, 3e-3, 3e-3, 0.15, 0.15, 0.15]).all()
     assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4]).all()
 
 
@@ -63,14 +66,14 @@ def test_every_number_of_another_car_counts(pedals: bool) -> None:
         env = Track(track="oval", width=30.0, speed_profile=None if pedals else 60)
         env.task = track_task("oval", 30.0, env.task.rules, 1000, other)
         env._stepper = LaneStepper(env.task.kernel, 1)
-        errors = measured(env, PlainCar(other, off_road), pedals)
+        errors, _ = measured(env, PlainCar(other, off_road), pedals)
         assert (np.median(errors, axis=0) < [1e-6, 1e-6, 1e-6, 2e-4, 2e-4, 2e-4]).all()  # stiffer tyres than ours
 
 
-def measured(env: Track, plain: PlainCar, pedals: bool) -> list[Array]:
-    """By how much a step of the environment misses the exact motion, from random states."""
+def measured(env: Track, plain: PlainCar, pedals: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """By how much a step of the environment misses the exact motion, from random states, and which roll backwards."""
     random = np.random.default_rng(1)
-    errors = []
+    errors, backwards = [], []
     for _ in range(40):
         env.reset(seed=0, options={"distance": float(random.uniform(20, 400))})
         velocities = {"FORWARD": random.uniform(-2, 30), "SIDEWAYS": random.normal(), "TURNING": random.normal(0, 0.4)}
@@ -85,7 +88,8 @@ def measured(env: Track, plain: PlainCar, pedals: bool) -> list[Array]:
         error[2] = math.remainder(error[2], 2 * math.pi)
         assert turned == pytest.approx(wheels, abs=1e-12)
         errors.append(np.abs(error))
-    return errors
+        backwards.append(velocities["FORWARD"] < 0.0)
+    return np.array(errors), np.array(backwards)
 
 
 @pytest.mark.parametrize("track", [5, "circuit"])

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from array import array
 
 import numpy as np
 import pytest
 
+from scripts.experiments.driving import CURVE, EXPERIMENTS, FAILS, measure, measure_until_failure
 from scripts.experiments.driving_log import NO_LAP, Drive
+from scripts.experiments.driving_search import search_steering
 
 LENGTH = 1000.0
 
@@ -55,3 +58,22 @@ def test_circles_are_not_driving() -> None:
     assert book.clean_speed == 0.0
     assert book.settled == pytest.approx(400.0)
     assert book.best_lap == NO_LAP
+
+
+def test_a_drive_until_failure_ends_when_the_policy_fails() -> None:
+    overrides = ("experiment=driving_thesis", "env=track", "total_steps=14_000")  # which does not keep to the road
+    until, on = measure_until_failure(overrides, 0), measure(overrides, 0)
+    assert on["env_steps"] == 14_000
+    assert 9_000 <= until["env_steps"] < 14_000  # no policy fails in its first five minutes
+    assert until[FAILS] == pytest.approx(10.0 + 60.0 * until["env_steps"] / 54_000)
+    assert until[CURVE] == pytest.approx(on[CURVE][: len(until[CURVE]) - 1] + until[CURVE][-1:])
+
+
+def test_runs_of_a_method_are_made_by_what_it_has_for_them() -> None:
+    parser = ArgumentParser()
+    (experiment,) = EXPERIMENTS
+    experiment.add_options(parser)
+    args = parser.parse_args(["--methods", "rpg,rpg_faster,search", "--simulators", "track"])
+    jobs = [cell.jobs(experiment.run, [3, 4]) for cell in experiment.cells(args)]
+    assert [[job.seed for job in own] for own in jobs] == [[3, 4]] * 3
+    assert [own[0].work for own in jobs] == [measure, measure_until_failure, search_steering]

@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from scripts.experiments.driving import SETTLED
-from scripts.experiments.driving_search import SEARCH, TEST_PROFILE, TEST_STEPS, SearchCell, driven, searched
+from scripts.experiments.driving_search import (
+    SEARCH,
+    TEST_PROFILE,
+    TEST_STEPS,
+    SearchCell,
+    driven,
+    search_steering,
+    searched,
+)
 from scripts.experiments.training import compose
 
 
@@ -21,6 +29,13 @@ def test_a_search_learns_to_keep_to_the_road_within_half_an_hour_of_driving(sear
     assert not after.off_road.any()
     assert 0.0 < keeps_since < 1800.0
     assert after.speed[-1] == pytest.approx(70.0, abs=1.0)
+
+
+def test_what_a_search_comes_up_with_drives_half_an_hour_on_the_road() -> None:
+    outcome = search_steering((*SEARCH.overrides, "env=track"), 0)
+    assert outcome["off"] == 0.0
+    assert outcome["clean"] == pytest.approx(69.0, abs=0.5)  # the mean speed of the last minute up to 70 km/h
+    assert 0.0 < outcome["for_good"] < outcome["env_steps"] / 30.0
 
 
 def test_a_line_of_the_table_has_what_a_search_has() -> None:
