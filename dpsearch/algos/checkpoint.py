@@ -13,7 +13,7 @@ import torch
 
 from dpsearch import __version__
 
-FORMAT = 4
+FORMAT = 3
 
 
 class CheckpointError(RuntimeError):

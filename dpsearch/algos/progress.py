@@ -22,24 +22,20 @@ class Progress:
         patience: Episodes within which it has to; None never gives up.
         gain: By which share of its size the mean return of the last ``WINDOW`` episodes has to rise above what it was
             when it last did so.
-        limit: Episodes after which a start is over, even one that gets ahead; None for no limit. Where starts differ
-            much in how long they take, a fixed limit bounds the expected time (Luby, Sinclair and Zuckerman 1993).
     """
 
-    def __init__(self, patience: int | None, gain: float, limit: int | None = None) -> None:
-        self._patience, self._gain, self._limit = patience, gain, limit
+    def __init__(self, patience: int | None, gain: float) -> None:
+        self._patience, self._gain = patience, gain
         self._recent: deque[float] = deque(maxlen=min(WINDOW, patience or WINDOW))
-        self._bar, self._since, self._episodes = -math.inf, 0, 0
+        self._bar, self._since = -math.inf, 0
 
     @property
     def stalled(self) -> bool:
-        """Whether ``patience`` episodes have gone by without progress, or ``limit`` in all."""
-        over = self._limit is not None and self._episodes >= self._limit
-        return over or (self._patience is not None and self._since >= self._patience)
+        """Whether ``patience`` episodes have gone by without progress."""
+        return self._patience is not None and self._since >= self._patience
 
     def note(self, returns: NDArray[Any]) -> None:
         """Take in the returns ``(N,)`` of the next episodes."""
-        self._episodes += len(returns)
         if self._patience is None:
             return
         self._since += len(returns)
@@ -50,10 +46,10 @@ class Progress:
 
     def state_dict(self) -> dict[str, Any]:
         """All that it remembers."""
-        return {"recent": list(self._recent), "bar": self._bar, "since": self._since, "episodes": self._episodes}
+        return {"recent": list(self._recent), "bar": self._bar, "since": self._since}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Remember what it did when ``state_dict`` was taken."""
         self._recent.clear()
         self._recent.extend(state["recent"])
-        self._bar, self._since, self._episodes = state["bar"], state["since"], state["episodes"]
+        self._bar, self._since = state["bar"], state["since"]

@@ -31,7 +31,7 @@ from dpsearch.algos.natural_gradient import natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.progress import Progress
 from dpsearch.algos.quadratic_baseline import QuadraticBaseline
-from dpsearch.algos.settings import FINITE, WHOLE, positive_or_none, require, whole_or_none
+from dpsearch.algos.settings import FINITE, positive_or_none, require
 from dpsearch.kernels.philox import stream_key
 from dpsearch.rollout import Episodes, Pieces, Stream
 
@@ -63,7 +63,8 @@ class RPGConfig:
         baseline_weight: Weight of the shared baseline's squared error in the loss.
         baseline_cells: Of the history baseline.
         baseline_optimizer: Of the history baseline, like ``optimizer``.
-        baseline_learning_rate: Its step size, for the mean squared error of returns scaled to deviation 1.
+        baseline_learning_rate: Its step size, for the squared error averaged over steps, of returns scaled to
+            deviation 1.
         baseline_optimizer_options: Its other arguments.
         baseline_steps: Gradient steps of the history baseline after every batch.
         batch_steps: If given, a batch has as many episodes as it takes to play about this many environment steps,
@@ -88,7 +89,6 @@ class RPGConfig:
         restart_episodes: If given, learning begins again from other random weights whenever so many episodes brought it
             no further: on some tasks most starts lead to a policy that is hard to improve, and a few lead past it.
         restart_gain: By which share of its size the mean discounted return has to rise within them; see ``Progress``.
-        restart_limit: If given, a start is given up after so many episodes, however well it goes: some crawl.
         update_steps: If given, learn from one continuing stream, every so many steps, instead of from batches of whole
             episodes: for tasks that go on (section 3.4.4). The gradient is cut off where the update is, the recurrent
             state is carried on, and what the baseline expects there completes the returns.
@@ -121,7 +121,6 @@ class RPGConfig:
     damping: float = 0.01
     restart_episodes: int | None = None
     restart_gain: float = 0.0
-    restart_limit: int | None = None
     update_steps: int | None = None
     variance_scaled: bool = False
 
@@ -143,23 +142,24 @@ class RPGConfig:
                 "baseline_optimizer": (self.baseline_optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
                 "baseline_learning_rate": (0.0 < self.baseline_learning_rate < math.inf, "positive and finite"),
                 "baseline_steps": (self.baseline_steps >= 1, "at least 1"),
-                "batch_steps": (whole_or_none(self.batch_steps), WHOLE),
+                "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
                 "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
                 "entropy_halflife": (positive_or_none(self.entropy_halflife), FINITE),
                 "natural_step": (
                     self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
-                    "positive, or null for plain gradients; with it, gradient_length must be null, optimizer SGD, "
-                    "baseline not shared and variance_scaled false",
+                    "positive or null; with it, gradient_length must be null, optimizer SGD, baseline not shared and "
+                    "variance_scaled false; natural_step=null takes plain gradients",
                 ),
-                "restart_episodes": (whole_or_none(self.restart_episodes), WHOLE),
-                "restart_limit": (whole_or_none(self.restart_limit), WHOLE),
+                "restart_episodes": (
+                    self.restart_episodes is None or (self.restart_episodes >= 1 and self.update_steps is None),
+                    "at least 1, and without update_steps, or null",
+                ),
                 "restart_gain": (0.0 <= self.restart_gain < math.inf, "0 or more"),
                 "damping": (0.0 <= self.damping < math.inf, "0 or more"),
                 "update_steps": (
-                    whole_or_none(self.update_steps)
-                    and None in (self.update_steps, self.batch_steps or self.restart_episodes or self.restart_limit),
-                    f"{WHOLE}; beside it batch_steps, restart_episodes and restart_limit, for episodes, must be null",
+                    self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
+                    "at least 1 or null; batch_steps, which is for batches of whole episodes, must be null beside it",
                 ),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
@@ -191,7 +191,7 @@ class RPG(Algorithm[RPGConfig]):
         """From the weights as they are, with nothing remembered of what came before."""
         self.starts += 1
         self._first_update = self.updates
-        self.progress = Progress(self.config.restart_episodes, self.config.restart_gain, self.config.restart_limit)
+        self.progress = Progress(self.config.restart_episodes, self.config.restart_gain)
         self.baseline = self._make_baseline()
         self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
         self.optimizer = make_optimizer(

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 
 FINITE = "positive and finite, or null"  # what ``positive_or_none`` accepts
-WHOLE = "at least 1, or null"  # what ``whole_or_none`` accepts
 
 
 def require(settings: object, accepted: Mapping[str, tuple[bool, str]]) -> None:
@@ -27,8 +26,3 @@ def require(settings: object, accepted: Mapping[str, tuple[bool, str]]) -> None:
 def positive_or_none(value: float | None) -> bool:
     """Whether a setting that may be left out is left out, or else positive and finite."""
     return value is None or 0.0 < value < math.inf
-
-
-def whole_or_none(value: int | None) -> bool:
-    """Whether a number of things that may be left out is left out, or else at least 1."""
-    return value is None or value >= 1

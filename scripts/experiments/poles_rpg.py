@@ -28,7 +28,7 @@ SETTING = "experiment=poles_rpg"
 SHORT = "total_episodes=10_000"  # for what may never succeed
 
 SEEN, HIDDEN = ("single_pole", "double_pole"), ("single_pole_hidden", "double_pole_hidden")
-SMALL = ("policy.init_range=0.1", "algo.damping=0.001", "algo.restart_limit=null")
+SMALL = ("policy.init_range=0.1", "algo.damping=0.001")
 MEMORYLESS = (*SMALL, "policy.core=none", "policy.noise_memory=0.95", "policy.init_std=0.2", "algo.trace=0.99")
 OWN = {"single_pole": MEMORYLESS, "double_pole": MEMORYLESS, "single_pole_hidden": SMALL, "double_pole_hidden": ()}
 MARKOV = Method("rpg_markov", "RPG without memory", ())
@@ -45,8 +45,8 @@ FAITHFUL = Method(
     (
         SHORT, "algo.natural_step=null", "algo.learning_rate=0.001", "algo.optimizer_options={momentum: 0.9}",
         "algo.batch_size=1", "algo.variance_scaled=true", "algo.baseline=constant", "algo.trace=1.0", "env.gamma=0.99",
-        "algo.restart_episodes=null", "algo.restart_limit=null", "policy.core=lstm", "policy.init_range=0.01",
-        "policy.noise_memory=0", "policy.init_std=null",
+        "algo.restart_episodes=null", "policy.core=lstm", "policy.init_range=0.01", "policy.noise_memory=0",
+        "policy.init_std=null",
     ),
 )  # fmt: skip
 METHODS = {method.name: method for method in (MARKOV, RPG, WHITE, LASTING, ADAM, FAITHFUL)}

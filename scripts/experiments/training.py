@@ -41,7 +41,6 @@ LATER: dict[str, Any] = {
     "damping": 0.01,
     "restart_episodes": None,
     "restart_gain": 0.0,
-    "restart_limit": None,
     "update_steps": None,
     "init_std": None,
     "noise_memory": 0.0,

@@ -47,17 +47,10 @@ def test_without_patience_nothing_is_given_up() -> None:
 
 
 def test_it_goes_on_from_a_saved_state() -> None:
-    whole, first = Progress(200, 0.1, limit=2000), Progress(200, 0.1, limit=2000)
+    whole, first = Progress(200, gain=0.1), Progress(200, gain=0.1)
     means = [-1.0, -1.0, -0.8, -0.8, -0.8, -0.8, -0.8, -0.8]
     first_half = stalls_after(first, means[:4])
-    second = Progress(200, 0.1, limit=2000)
+    second = Progress(200, gain=0.1)
     second.load_state_dict(first.state_dict())
     assert first_half is None
     assert stalls_after(whole, means) == 4 + (stalls_after(second, means[4:]) or 0)
-
-
-def test_a_start_that_gets_ahead_is_over_at_the_limit() -> None:
-    climbing = list(np.arange(40.0))
-    assert stalls_after(Progress(300, gain=0.0), climbing) is None
-    assert stalls_after(Progress(300, gain=0.0, limit=500), climbing) == 10
-    assert stalls_after(Progress(None, gain=0.0, limit=500), climbing) == 10
