@@ -328,7 +328,7 @@ class Algorithm(ABC, Generic[ConfigT]):
             path,
             {
                 "algo": self.name,
-                "config": dataclasses.asdict(self.config),  # type: ignore[call-overload]
+                "config": dataclasses.asdict(self.config),  # type: ignore[call-overload]  # each is a dataclass
                 "policy": self.policy.config(),
                 "env": self.env_id,
                 "env_kwargs": self.env_kwargs,

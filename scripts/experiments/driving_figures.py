@@ -81,9 +81,8 @@ def _film(algorithm: Algorithm[Any], cell: Cell, path: Path) -> None:
 
 def _while_learning(axes: Axes, results: Results) -> None:
     cells = zip(results.cells, results.outcomes, strict=True)
-    drives = [
-        (cell, outcomes) for cell, outcomes in cells if "off_seconds" in outcomes[0]
-    ]  # those that learned while driving
+    # Those that learned while driving
+    drives = [(cell, outcomes) for cell, outcomes in cells if "off_seconds" in outcomes[0]]
     for number, (cell, outcomes) in enumerate(drives):
         minutes = [outcome["off_seconds"][:30] for outcome in outcomes]
         means = np.mean(minutes, axis=0)

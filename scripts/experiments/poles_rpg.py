@@ -33,7 +33,7 @@ MEMORYLESS = (*SMALL, "policy.core=none", "policy.noise_memory=0.95", "policy.in
 OWN = {"single_pole": MEMORYLESS, "double_pole": MEMORYLESS, "single_pole_hidden": SMALL, "double_pole_hidden": ()}
 MARKOV = Method("rpg_markov", "RPG without memory", ())
 RPG = Method("rpg", "RPG, LSTM", ())
-RPG_TWO = Method("rpg_two", "RPG, LSTM", ())  # a name of its own, as its runs take four times as long
+RPG_TWO = Method("rpg_two", "RPG, LSTM", ())  # a name of its own, as its runs take three times as long
 WHITE = Method("white", "RPG with independent noise", (SHORT, "policy.noise_memory=0", "policy.init_std=null"))
 LASTING = Method("lasting", "RPG with noise that lasts", (SHORT, "policy.noise_memory=0.9", "policy.init_std=0.1"))
 ADAM = Method(
