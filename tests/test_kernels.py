@@ -11,8 +11,9 @@ from numba import njit, types
 from numpy.typing import NDArray
 from scipy import stats
 
+from dpsearch.kernels import activations
 from dpsearch.kernels.elementary import arctan2, exp, log, sigmoid, sincos, tanh
-from dpsearch.kernels.lanes import FLOATS, INTS, LANES, ROWS, fetch_add, noise_rows
+from dpsearch.kernels.lanes import FLOATS, INTS, LANES, ROWS, address_of, fetch_add, function_at, noise_rows
 from dpsearch.kernels.matvec import matvec
 from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw, episode_seeds, philox4x32, stream_key
 
@@ -192,7 +193,7 @@ def points(low: float, high: float) -> NDArray[np.float64]:
     return np.concatenate([np.linspace(low, high, 20_001), random.uniform(low, high, 100_000)])
 
 
-def error(ours: NDArray[np.float64], exact: NDArray[np.floating]) -> float:
+def error(ours: NDArray[np.floating], exact: NDArray[np.floating]) -> float:
     """The largest relative error; the reference has 64 bits of mantissa."""
     exact = np.asarray(exact, np.longdouble)
     return float(np.max(np.abs((ours - exact) / np.where(exact == 0, 1, exact))))
@@ -251,6 +252,44 @@ def test_elementary_functions_at_their_ends() -> None:
 
 
 @njit  # type: ignore[untyped-decorator, unused-ignore]
+def _activations(x, out):  # type: ignore[no-untyped-def]
+    for i in range(len(x)):
+        out[0, i] = activations.exp(x[i])
+        out[1, i] = activations.sigmoid(x[i])
+        out[2, i] = activations.tanh(x[i])
+
+
+def in_precision(x: NDArray[np.floating]) -> list[NDArray[np.floating]]:
+    """Exponential, sigmoid and hyperbolic tangent, in the precision of the arguments."""
+    out = np.empty((3, len(x)), x.dtype)
+    _activations(x, out)
+    return list(out)
+
+
+def test_activations_in_single_precision_are_accurate_to_its_rounding() -> None:
+    x = points(-86, 87).astype(np.float32)
+    exact = np.exp(x.astype(np.float64))
+    exponential, sigmoid_of_x, _ = in_precision(x)
+    assert error(exponential, exact) < 3e-7
+    assert error(sigmoid_of_x, 1 / (1 + 1 / exact)) < 3e-7
+    x = points(-12, 12).astype(np.float32)
+    np.testing.assert_allclose(in_precision(x)[2], np.tanh(x.astype(np.float64)), rtol=3e-7, atol=2e-7)
+
+
+def test_activations_in_single_precision_at_their_ends() -> None:
+    at = in_precision(np.array([0.0, -0.0, -1e4, 1e4, math.inf, -math.inf], np.float32))
+    assert at[0][:2].tolist() == [1, 1]
+    assert at[1].tolist() == pytest.approx([0.5, 0.5, 0, 1, 1, 0], abs=1e-30)
+    assert at[2].tolist() == pytest.approx([0, 0, -1, 1, 1, -1], rel=1e-7)
+
+
+def test_activations_in_double_precision_are_the_elementary_functions() -> None:
+    x = points(-30, 30)
+    for ours, name in zip(in_precision(x), ("exp", "sigmoid", "tanh"), strict=True):
+        np.testing.assert_array_equal(ours, elementary(x)[name])
+
+
+@njit  # type: ignore[untyped-decorator, unused-ignore]
 def _matvec(weights, offset, rows, columns, x, output):  # type: ignore[no-untyped-def]
     matvec(weights, offset, rows, columns, x, output)
 
@@ -285,6 +324,15 @@ def test_matvec_fuses_each_product_with_its_sum_in_the_order_of_the_columns() ->
             assert output[row, lane] == total
 
 
+@pytest.mark.parametrize("written", ["float32", "float64"])
+def test_matvec_in_single_precision_may_write_either(written: str) -> None:
+    random = np.random.default_rng(4)
+    weights, x = random.normal(size=7 * 5).astype(np.float32), random.normal(size=(5, LANES)).astype(np.float32)
+    output: NDArray[Any] = np.empty((7, LANES), written)
+    _matvec(weights, 0, 7, 5, x, output)
+    np.testing.assert_allclose(output, weights.reshape(7, 5).astype(np.float64) @ x, rtol=1e-6, atol=1e-6)
+
+
 @njit(types.void(INTS, INTS), nogil=True)
 def _take(counter, taken):  # type: ignore[no-untyped-def]
     for i in range(len(taken)):
@@ -298,6 +346,28 @@ def test_fetch_add_gives_every_number_once_to_competing_threads() -> None:
         list(pool.map(lambda mine: _take(counter, mine), taken))
     assert counter[0] == 200_010
     assert sorted(np.concatenate(taken)) == list(range(10, 200_010))
+
+
+_DOUBLE_IT = types.void(FLOATS)
+_doubler_at = function_at(_DOUBLE_IT)
+
+
+@njit(_DOUBLE_IT)
+def _double_it(x):  # type: ignore[no-untyped-def]
+    for i in range(len(x)):
+        x[i] *= 2.0
+
+
+@njit(types.void(types.int64, FLOATS), nogil=True)
+def _call(address, x):  # type: ignore[no-untyped-def]
+    _doubler_at(address)(x)
+
+
+def test_a_compiled_function_can_be_called_by_its_address() -> None:
+    x = np.arange(3.0)
+    _call(address_of(_double_it, _DOUBLE_IT), x)
+    assert x.tolist() == [0, 2, 4]
+    assert address_of(_double_it, _DOUBLE_IT) == address_of(_double_it, _DOUBLE_IT)
 
 
 def test_lane_arrays_are_float64_rows_with_the_lane_last() -> None:

@@ -33,6 +33,7 @@ from dpsearch.algos.progress import Progress
 from dpsearch.algos.quadratic_baseline import QuadraticBaseline
 from dpsearch.algos.settings import FINITE, positive_or_none, require
 from dpsearch.kernels.philox import stream_key
+from dpsearch.policies import Categorical
 from dpsearch.rollout import Episodes, Pieces, Stream
 
 BASELINES = ("constant", "shared", "history", "quadratic")
@@ -260,7 +261,8 @@ class RPG(Algorithm[RPGConfig]):
 
     def _played(self, episodes: Episodes) -> Metrics:
         if self.stream is None:
-            return {"return": float(episodes.returns.mean()), "episode_length": episodes.steps / len(episodes)}
+            n = len(episodes)
+            return {"return": float(episodes.returns.sum()) / n, "episode_length": episodes.steps / n}
         self._reward = float(episodes.returns.sum()) / episodes.steps
         return {"reward": self._reward}
 
@@ -286,13 +288,12 @@ class RPG(Algorithm[RPGConfig]):
         Returns:
             The mean ``entropy`` in nats, and the ``explained_variance``: what part of the R_t's the baseline foresaw.
         """
-        head, config = self.policy.head, self.config
+        policy, head, config = self.policy, self.policy.head, self.config
         mask = episodes.mask  # (T, N)
         count = len(episodes) if self.stream is None else 1  # the pieces of a stream are one episode
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)
-        features = self.policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
-        outputs = self.policy.distribution(features, actions, state)  # (T, N, K)
+        features = policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
         foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns, mask)
@@ -303,26 +304,30 @@ class RPG(Algorithm[RPGConfig]):
             scale = self._running_scale(advantages[mask])
             advantages = advantages / scale
             loss = None if loss is None else loss / scale**2
-        weights = advantages / -count  # minus, as optimisers descend
+        weights: NDArray[np.float32] = advantages / np.float32(-count)  # minus, as optimisers descend
         bonus = None
         if config.entropy_bonus > 0.0:
-            strength = config.entropy_bonus * self._halved(config.entropy_halflife) / -count
-            bonus = torch.from_numpy(mask * np.float32(strength))
-        seen = outputs.detach()
-        if episodes.steps < mask.size:  # what the policy would do on padding must not matter
-            seen = torch.where(torch.from_numpy(mask)[..., None], seen, 0.0)
-        eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
-        eligibilities, entropy = eligible(seen, actions, torch.from_numpy(weights), bonus)
+            bonus = mask * np.float32(config.entropy_bonus * self._halved(config.entropy_halflife) / -count)
+        if isinstance(head, Categorical) and config.natural_step is None and not config.variance_scaled:
+            end = features
+            slopes, entropy = head.backpropagate(policy.readout, features, episodes.actions, weights, bonus)
+        else:
+            end = policy.distribution(features, actions, state)  # (T, N, K)
+            eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
+            seen = torch.where(torch.from_numpy(mask)[..., None], end.detach(), 0.0)  # padding must not matter
+            extra = None if bonus is None else torch.from_numpy(bonus)
+            slopes, entropies = eligible(seen, actions, torch.from_numpy(weights), extra)
+            entropy = entropies.numpy()
         if config.natural_step is not None:
             divergence = config.natural_step
             if self.stream is not None and config.normalise_advantages:  # where all goes as expected, little is learned
                 divergence *= min(float(np.square(advantages[mask]).mean()), 1.0)
-            self._ascend_naturally(episodes, outputs, eligibilities, divergence)
+            self._ascend_naturally(episodes, end, slopes, divergence)
         elif loss is None:
-            outputs.backward(eligibilities)  # through time, section 3.3.3
+            end.backward(slopes)  # through time, section 3.3.3
         else:
-            torch.autograd.backward((outputs, loss / count), (eligibilities, None))
-        (entropy_mean, _), (_, spread), (_, left) = map(episodes.moments, (entropy.numpy(), returns, surprises))
+            torch.autograd.backward((end, loss / count), (slopes, None))
+        (entropy_mean, _), (_, spread), (_, left) = episodes.moments(entropy, returns, surprises)
         return {"entropy": entropy_mean, "explained_variance": 1.0 - left / spread if spread > 0.0 else 0.0}
 
     def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float) -> None:
@@ -358,14 +363,16 @@ class RPG(Algorithm[RPGConfig]):
 
     def _normalise_gradient(self) -> float:
         """Scale the gradient to the length asked for; returns the length it had."""
-        gradients = [p.grad for p in self.parameters if p.grad is not None]
-        length = math.hypot(*map(float, torch._foreach_norm(gradients)))
+        gradients = [g.numpy() for p in self.parameters if (g := p.grad) is not None]  # NumPy's calls cost less
+        flat = np.concatenate(gradients, axis=None, dtype=np.float64)
+        length = math.sqrt(flat @ flat)
         if not math.isfinite(length):
             raise FloatingPointError(
                 f"the gradient of update {self.updates} is not finite: the steps or the rewards are too large"
             )
         if self.config.gradient_length is not None and length > TINY:
-            torch._foreach_mul_(gradients, self.config.gradient_length / length)
+            for gradient in gradients:
+                gradient *= self.config.gradient_length / length
         return length
 
     @override

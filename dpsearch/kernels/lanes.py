@@ -2,8 +2,9 @@
 
 An array of lane values is ``(rows, LANES)`` and C-contiguous, so that one row is one run of memory and LLVM turns a
 loop over its lanes into SIMD. A kernel is a handful of compiled functions with the signatures below. They are passed
-around as first-class functions of explicit type, because that is the one way of composing Numba functions whose
-result is found again in the on-disk cache; the indirect call costs nothing when it covers a whole block of lanes.
+around as the addresses of first-class functions of explicit type, because that is the one way of composing Numba
+functions whose result is found again in the on-disk cache; the indirect call costs nothing when it covers a whole block
+of lanes.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.core.types.function_type import CompileResultWAP
 from numba.extending import intrinsic
 from numpy.typing import NDArray
@@ -29,6 +31,8 @@ FASTMATH = {"contract", "nsz", "arcp"}
 FLOATS = types.float64[::1]
 INTS = types.int64[::1]
 ROWS = types.float64[:, ::1]
+SINGLES = types.float32[::1]
+SINGLE_ROWS = types.float32[:, ::1]
 
 RESET = types.void(FLOATS, INTS, ROWS, types.int64, ROWS)
 """``reset(floats, ints, noise, lane, state)``: puts one lane of ``state`` at the start of an episode."""
@@ -44,6 +48,9 @@ FORWARD_SHARED = types.void(INTS, FLOATS, ROWS, ROWS, ROWS, ROWS)
 
 FORWARD_LANES = types.void(INTS, ROWS, ROWS, ROWS, ROWS, ROWS)
 """The same with weights ``(P, LANES)``: every lane its own candidate."""
+
+FORWARD_SINGLE = types.void(INTS, SINGLES, ROWS, SINGLE_ROWS, SINGLE_ROWS, ROWS)
+"""``FORWARD_SHARED`` in single precision: weights, what is hidden and scratch are float32."""
 
 SAMPLE = types.void(INTS, ROWS, ROWS, ROWS)
 """``sample(sizes, noise, output, action)``: turns the outputs of a policy into actions."""
@@ -80,15 +87,34 @@ class EnvKernel:
 
 
 @cache
-def first_class(function: Compiled, signature: Any) -> Any:
-    """A compiled function as the first-class value that other compiled code takes.
+def address_of(function: Compiled, signature: Any) -> int:
+    """Where a compiled function is, for ``function_at``. It stays there: what is cached holds on to it."""
+    return _library_of(function, signature).__wrapper_address__()
 
-    Passing the dispatcher itself works too, but then Numba looks its overload up anew at every call, which costs more
-    than a whole small batch of episodes.
+
+@cache
+def _library_of(function: Compiled, signature: Any) -> CompileResultWAP:
+    return CompileResultWAP(function.get_compile_result(signature))  # type: ignore[attr-defined]
+
+
+def function_at(signature: Any) -> Compiled:
+    """What turns an address, in compiled code, into the first-class function of a signature that is there.
+
+    Compiled code takes first-class functions as arguments too, but to unpack five of them takes Numba as long as to
+    play a small batch of episodes; unpacking numbers takes next to nothing.
     """
-    value: Any = CompileResultWAP(function.get_compile_result(signature))  # type: ignore[attr-defined]
-    value._numba_type_ = types.FunctionType(signature)  # else Numba works it out at every call
-    return value
+    function_type = types.FunctionType(signature)
+
+    @intrinsic
+    def at(typing_context: Any, address: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            function = cgutils.create_struct_proxy(function_type)(context, builder)
+            function.c_addr = builder.inttoptr(args[0], cgutils.voidptr_t)
+            return function._getvalue()
+
+        return function_type(types.int64), codegen
+
+    return at  # type: ignore[no-any-return]
 
 
 def noise_rows(draws: int) -> int:

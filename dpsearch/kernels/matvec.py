@@ -16,8 +16,8 @@ from numba.extending import intrinsic
 from dpsearch.kernels.lanes import LANES
 
 _I64 = ir.IntType(64)
-_WIDTH = 8  # doubles in the widest register there is
-_VECTOR = ir.VectorType(ir.DoubleType(), _WIDTH)
+_WIDTH = 8  # doubles in the widest register there is; wider vectors of single floats bring nothing
+_DOUBLES, _SINGLES = ir.VectorType(ir.DoubleType(), _WIDTH), ir.VectorType(ir.FloatType(), _WIDTH)
 _PARTS = range(LANES // _WIDTH)
 _ROWS_AT_ONCE = 4  # rows that share one load of x; more brings nothing
 
@@ -29,9 +29,12 @@ def matvec(typing_context: Any, weights: Any, offset: Any, rows: Any, columns: A
     ``W`` is the row-major (rows, columns) matrix that starts at ``weights[offset]``. Weights are ``(P,)``, shared by
     all lanes, or ``(P, LANES)``; ``x`` and ``output`` are ``(.., LANES)``. Products are fused with their sum and
     added in the order of the columns, of which there must be one at least, so the result is the same on every machine.
+    Weights and ``x`` are both float64, or both float32, which is what sums are then made in; ``output`` may be either.
     """
     signature = types.void(weights, types.intp, types.intp, types.intp, x, output)
     shared = weights.ndim == 1
+    vector, suffix = (_SINGLES, "f32") if x.dtype == types.float32 else (_DOUBLES, "f64")
+    written = _SINGLES if output.dtype == types.float32 else _DOUBLES
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         weights_at, x_at, output_at = (
@@ -39,24 +42,29 @@ def matvec(typing_context: Any, weights: Any, offset: Any, rows: Any, columns: A
         )
         offset, rows, columns = args[1:4]
         fma = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * 3), f"llvm.fma.v{_WIDTH}f64"
+            builder.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{_WIDTH}{suffix}"
         )
 
-        def lanes_of(base: Any, row: Any) -> list[Any]:
+        def lanes_of(base: Any, row: Any, kind: Any) -> list[Any]:
             first = builder.mul(row, _I64(LANES))
             elements = [builder.gep(base, [builder.add(first, _I64(_WIDTH * part))]) for part in _PARTS]
-            return [builder.bitcast(element, _VECTOR.as_pointer()) for element in elements]
+            return [builder.bitcast(element, kind.as_pointer()) for element in elements]
 
         def load(base: Any, row: Any) -> list[Any]:
-            return [builder.load(pointer, align=8) for pointer in lanes_of(base, row)]
+            return [builder.load(pointer, align=4) for pointer in lanes_of(base, row, vector)]
+
+        def store(total: Any, pointer: Any) -> None:
+            if vector is _SINGLES and written is _DOUBLES:
+                total = builder.fpext(total, _DOUBLES)
+            builder.store(total, pointer, align=4)
 
         def weight(index: Any) -> list[Any]:
             if not shared:
                 return load(weights_at, index)
             scalar = builder.load(builder.gep(weights_at, [index]))
-            one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.IntType(32)(0))
+            one = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.IntType(32)(0))
             zeros = ir.Constant(ir.VectorType(ir.IntType(32), _WIDTH), [0] * _WIDTH)
-            return [builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), zeros)] * len(_PARTS)
+            return [builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), zeros)] * len(_PARTS)
 
         def rows_from(first: Any, count: int) -> None:
             before = builder.basic_block
@@ -65,21 +73,22 @@ def matvec(typing_context: Any, weights: Any, offset: Any, rows: Any, columns: A
             builder.position_at_end(loop)
             column = builder.phi(_I64)
             column.add_incoming(_I64(0), before)
-            sums = [[builder.phi(_VECTOR) for _ in _PARTS] for _ in range(count)]
+            sums = [[builder.phi(vector) for _ in _PARTS] for _ in range(count)]
             factors = load(x_at, column)
             for r, totals in enumerate(sums):
                 row = builder.mul(builder.add(first, _I64(r)), columns)
                 weights = weight(builder.add(offset, builder.add(row, column)))
                 for w, factor, total in zip(weights, factors, totals, strict=True):
-                    total.add_incoming(ir.Constant(_VECTOR, None), before)
+                    total.add_incoming(ir.Constant(vector, None), before)
                     total.add_incoming(builder.call(fma, [w, factor, total]), loop)
             following = builder.add(column, _I64(1))
             column.add_incoming(following, loop)
             builder.cbranch(builder.icmp_signed("<", following, columns), loop, after)
             builder.position_at_end(after)
             for r, totals in enumerate(sums):
-                for total, pointer in zip(totals, lanes_of(output_at, builder.add(first, _I64(r))), strict=True):
-                    builder.store(total.incomings[1][0], pointer, align=8)
+                pointers = lanes_of(output_at, builder.add(first, _I64(r)), written)
+                for total, pointer in zip(totals, pointers, strict=True):
+                    store(total.incomings[1][0], pointer)
 
         blocks = builder.sdiv(rows, _I64(_ROWS_AT_ONCE))
         with cgutils.for_range(builder, blocks) as loop:

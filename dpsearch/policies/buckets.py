@@ -21,7 +21,7 @@ def buckets(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     Args:
         lengths: Steps of each episode, ``(B,)``.
     """
-    if lengths.min() == lengths.max():
+    if lengths.max() * len(lengths) == lengths.sum():
         return [np.arange(len(lengths))]
     order = np.argsort(-lengths, kind="stable")
     return _split(order, lengths[order])

@@ -10,17 +10,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
-from dpsearch.kernels.elementary import exp, log, sigmoid, sincos, tanh
-from dpsearch.kernels.lanes import FASTMATH, FORWARD_LANES, FORWARD_SHARED, INTS, LANES, ROWS, SAMPLE, Compiled
+from dpsearch.kernels.activations import sigmoid, tanh
+from dpsearch.kernels.elementary import exp, log, sincos
+from dpsearch.kernels.lanes import (
+    FASTMATH,
+    FORWARD_LANES,
+    FORWARD_SHARED,
+    FORWARD_SINGLE,
+    INTS,
+    LANES,
+    ROWS,
+    SAMPLE,
+    SINGLE_ROWS,
+    Compiled,
+)
 from dpsearch.kernels.matvec import matvec
 from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
 
-_FORWARD = [FORWARD_SHARED, FORWARD_LANES]
+_FORWARD = [FORWARD_SHARED, FORWARD_LANES, FORWARD_SINGLE]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +41,7 @@ class CompiledPolicy:
     """A policy's compiled functions and the sizes they work with.
 
     Attributes:
-        forward: Signatures ``FORWARD_SHARED`` and ``FORWARD_LANES``.
+        forward: Signatures ``FORWARD_SHARED``, ``FORWARD_LANES`` and ``FORWARD_SINGLE``.
         sample: Signature ``SAMPLE``: a random action.
         mode: Signature ``SAMPLE``: the greedy action.
         sizes: Observation size, hidden size, outputs, 1 if there are biases, rows of the previous action among the
@@ -58,10 +71,15 @@ class CompiledPolicy:
     noise_memory: float
     order: NDArray[np.intp]
 
-    def pack(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Weights ``(.., P)`` of ``RecurrentPolicy.vector()``'s layout, in the order that ``forward`` reads them."""
+    def pack(self, weights: NDArray[np.float64], greedy: bool) -> NDArray[Any]:
+        """Weights ``(.., P)`` of ``RecurrentPolicy.vector()``'s layout, in the order that ``forward`` reads them.
+
+        Those of one policy ``(P,)`` that samples its actions are float32: what it is trained in, and twice as fast. Of
+        candidates, and of who acts greedily, they are float64: whether a pole stays up for 100,000 steps can depend on
+        the last digit, and a candidate that was found to do it must do it again as the policy that it becomes.
+        """
         p = weights.shape[-1]
-        extended = np.empty((*weights.shape[:-1], p + 3))
+        extended = np.empty((*weights.shape[:-1], p + 3), np.float64 if greedy or weights.ndim > 1 else np.float32)
         extended[..., :p], extended[..., p:] = weights, (0.0, 1.0, self.noise_memory)
         return extended.take(self.order, axis=-1)
 
@@ -144,7 +162,12 @@ def memoryless(sizes, weights, observation, hidden, scratch, output):  # type: i
     matvec(weights, first, outputs, _features(sizes, units, hidden, seen), seen, output)
 
 
-@njit(types.void(INTS, INTS, ROWS, ROWS, ROWS), cache=True, nogil=True, error_model="numpy")
+@njit(
+    [types.void(INTS, INTS, ROWS, ROWS, hidden) for hidden in (ROWS, SINGLE_ROWS)],
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
 def remember_action(sizes, head_sizes, output, action, hidden):  # type: ignore[no-untyped-def]
     """Puts the action taken, and the noise in it, into the last rows of the recurrent state, for who needs them."""
     first = hidden.shape[0] - sizes[4]

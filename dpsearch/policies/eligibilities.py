@@ -1,72 +1,165 @@
-"""The output eligibilities of a softmax, with its entropy, in one compiled pass over all steps of a batch."""
+"""The eligibilities of a softmax's outputs, and what they come to for the layer below, in one compiled pass.
+
+Steps are taken a block at a time and are the last axis there, so that all loops turn into SIMD.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit, types
 
-from dpsearch.kernels.elementary import exp, log
-from dpsearch.kernels.lanes import FASTMATH, INTS
+from dpsearch.kernels.activations import exp
+from dpsearch.kernels.elementary import log
+from dpsearch.kernels.lanes import FASTMATH, INTS, SINGLE_ROWS, SINGLES
 
+BLOCK = 128
+"""Steps at a time: what is computed of them stays in the nearest cache."""
 _F32 = np.float32
-_ROW = types.float32[::1]
-_ROWS = types.float32[:, ::1]
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
+_WORKING_ROWS = 6  # of ``_weigh``, besides one an output
 
 
-_TYPES = types.void(INTS, _ROWS, _ROWS, _ROW, _ROW, _ROWS, _ROW)
+@njit(inline="always")
+def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entropy):  # type: ignore[no-untyped-def]
+    """Turns the outputs ``(K, BLOCK)`` of ``count`` steps, from ``first`` on, into their eligibilities.
+
+    ``(a_i - p_i)`` times the step's weight, for each group of ``sizes[i]`` outputs (section 3.4.2), and the derivatives
+    of the entropy, ``-p_i (log p_i + entropy)``, times the step's bonus.
+    """
+    weight, extra, largest, total, mean, spread = working[0], working[1], working[2], working[3], working[4], working[5]
+    logits = working[_WORKING_ROWS:]
+    for m in range(count):
+        weight[m] = weights[first + m]
+        extra[m] = bonus[first + m] if len(bonus) > 0 else _ZERO
+        spread[m] = _ZERO
+    row = 0
+    for i in range(len(sizes)):
+        group = outputs[row : row + sizes[i]]
+        for m in range(count):
+            largest[m] = group[0, m]
+            total[m] = _ZERO
+            mean[m] = _ZERO
+        for k in range(1, len(group)):
+            for m in range(count):
+                largest[m] = max(largest[m], group[k, m])
+        for k in range(len(group)):
+            for m in range(count):
+                logit = group[k, m] - largest[m]
+                p = exp(logit)
+                logits[row + k, m] = logit
+                group[k, m] = p
+                total[m] += p
+                mean[m] += p * logit
+        for m in range(count):
+            mean[m] /= total[m]  # of the logits, so that log p - mean = log p + entropy
+            spread[m] += _F32(log(np.float64(total[m]))) - mean[m]
+            total[m] = _ONE / total[m]
+        for k in range(len(group)):
+            for m in range(count):
+                slope = weight[m] + extra[m] * (logits[row + k, m] - mean[m])
+                group[k, m] *= -total[m] * slope
+        for m in range(count):
+            group[np.int64(actions[first + m, i]), m] += weight[m]
+        row += sizes[i]
+    for m in range(count):
+        entropy[first + m] = spread[m]
 
 
-@njit(_TYPES, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(
+    types.void(INTS, SINGLE_ROWS, SINGLE_ROWS, SINGLES, SINGLES, SINGLE_ROWS, SINGLES),
+    cache=True,
+    nogil=True,
+    fastmath=FASTMATH,
+    error_model="numpy",
+)
 def softmax_eligibilities(sizes, outputs, actions, weights, bonus, eligibilities, entropy):  # type: ignore[no-untyped-def]
-    """``(a_i - p_i)`` times the step's weight, for each group of ``sizes[i]`` outputs (section 3.4.2).
-
-    And the derivatives of the entropy, ``-p_i (log p_i + entropy)``, times the step's bonus.
+    """The derivatives of log pi(a|h) by the outputs, weighted, and those of the entropy.
 
     Args:
         sizes: ``(A,)``, choices of each group.
         outputs: ``(M, K)``, of M steps.
         actions: ``(M, A)``, whole numbers.
-        weights: ``(M,)``.
-        bonus: ``(M,)``, or ``(0,)`` for none.
-        eligibilities: ``(K, M)``, written; the steps come last, so that the loops over them turn into SIMD.
+        weights: ``(M,)``, of the former.
+        bonus: ``(M,)``, of the latter, or ``(0,)`` for none.
+        eligibilities: ``(M, K)``, written.
         entropy: ``(M,)``, written: of all groups together, in nats.
     """
-    n = len(weights)
-    largest, total, mean = np.empty_like(weights), np.empty_like(weights), np.empty_like(weights)
-    spread, of_entropy = np.empty_like(bonus), np.empty_like(bonus)
-    entropy[:] = 0.0
-    first = 0
-    for i in range(len(sizes)):
-        group = eligibilities[first : first + sizes[i]]
-        for k in range(len(group)):
-            for m in range(n):
-                group[k, m] = outputs[m, first + k]
-        largest[:] = group[0]
-        for k in range(1, len(group)):
-            for m in range(n):
-                largest[m] = max(largest[m], group[k, m])
-        total[:] = 0.0
-        mean[:] = 0.0
-        for k in range(len(group)):
-            for m in range(n):
-                logit = group[k, m] - largest[m]
-                p = _F32(exp(logit))
-                group[k, m] = p
-                total[m] += p
-                mean[m] += p * logit
-        for m in range(n):
-            mean[m] /= total[m]  # of the logits, so that log p - mean = log p + entropy
-            entropy[m] += _F32(log(np.float64(total[m]))) - mean[m]
-        for m in range(len(bonus)):
-            spread[m] = bonus[m] / total[m]
-        for m in range(n):
-            total[m] = weights[m] / total[m]
-        for k in range(len(group)):
-            for m in range(len(bonus)):
-                of_entropy[m] = group[k, m] * spread[m] * (outputs[m, first + k] - largest[m] - mean[m])
-            for m in range(n):
-                chosen = weights[m] if actions[m, i] == k else _F32(0.0)
-                group[k, m] = chosen - group[k, m] * total[m]
-            for m in range(len(bonus)):
-                group[k, m] -= of_entropy[m]
-        first += sizes[i]
+    n, size = outputs.shape
+    block = np.empty((size, BLOCK), np.float32)
+    working = np.empty((_WORKING_ROWS + size, BLOCK), np.float32)
+    for first in range(0, n, BLOCK):
+        count = min(BLOCK, n - first)
+        for m in range(count):
+            for k in range(size):
+                block[k, m] = outputs[first + m, k]
+        _weigh(sizes, block, first, count, actions, weights, bonus, working, entropy)
+        for m in range(count):
+            for k in range(size):
+                eligibilities[first + m, k] = block[k, m]
+
+
+@njit(
+    types.void(
+        *(INTS, SINGLE_ROWS, SINGLES, SINGLE_ROWS, SINGLE_ROWS, SINGLES, SINGLES),
+        *(SINGLE_ROWS, SINGLE_ROWS, SINGLES, SINGLES),
+    ),
+    cache=True,
+    nogil=True,
+    fastmath=FASTMATH | {"reassoc"},  # sums over steps may be made in any order, else there is no SIMD for them
+    error_model="numpy",
+)
+def softmax_gradient(  # type: ignore[no-untyped-def]
+    sizes, weight, bias, features, actions, weights, bonus, by_features, by_weight, by_bias, entropy
+):
+    """The same, backpropagated through the linear layer that makes the outputs of features.
+
+    Args:
+        sizes: ``(A,)``, choices of each group.
+        weight: ``(K, H)``, the layer's.
+        bias: ``(K,)``, likewise.
+        features: ``(M, H)``, of M steps.
+        actions: ``(M, A)``, whole numbers.
+        weights: ``(M,)``, of the derivatives of log pi(a|h).
+        bonus: ``(M,)``, of those of the entropy, or ``(0,)`` for none.
+        by_features: ``(M, H)``, the derivatives by the features, written.
+        by_weight: ``(K, H)``, those by the layer's weights, written: the sum over steps.
+        by_bias: ``(K,)``, likewise.
+        entropy: ``(M,)``, written: of all groups together, in nats.
+    """
+    n, size = features.shape
+    seen = np.empty((size, BLOCK), np.float32)
+    outputs = np.empty((len(bias), BLOCK), np.float32)
+    working = np.empty((_WORKING_ROWS + len(bias), BLOCK), np.float32)
+    by_weight[:] = _ZERO
+    by_bias[:] = _ZERO
+    for first in range(0, n, BLOCK):
+        count = min(BLOCK, n - first)
+        for m in range(count):
+            for h in range(size):
+                seen[h, m] = features[first + m, h]
+        for k in range(len(bias)):
+            for m in range(count):
+                outputs[k, m] = bias[k]
+            for h in range(size):
+                for m in range(count):
+                    outputs[k, m] += weight[k, h] * seen[h, m]
+        _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entropy)
+        for k in range(len(bias)):
+            total = _ZERO
+            for m in range(count):
+                total += outputs[k, m]
+            by_bias[k] += total
+            for h in range(size):
+                total = _ZERO
+                for m in range(count):
+                    total += outputs[k, m] * seen[h, m]
+                by_weight[k, h] += total
+        for h in range(size):
+            for m in range(count):
+                seen[h, m] = weight[0, h] * outputs[0, m]  # which is not needed any more
+            for k in range(1, len(bias)):
+                for m in range(count):
+                    seen[h, m] += weight[k, h] * outputs[k, m]
+        for m in range(count):
+            for h in range(size):
+                by_features[first + m, h] = seen[h, m]

@@ -32,7 +32,7 @@ class LaneActor:
         self, policy: RecurrentPolicy, weights: NDArray[np.float64], lanes: int, key: int, greedy: bool
     ) -> None:
         self._compiled = compiled = policy.compiled()
-        weights = compiled.pack(weights)
+        weights = compiled.pack(weights, greedy)
         self._choose = compiled.mode if greedy else compiled.sample
         self._key = np.uint64(key)
         self._lanes = lanes
@@ -41,9 +41,9 @@ class LaneActor:
         self._weights = weights if self._population is None else np.zeros((blocks, weights.shape[1], LANES))
         self._padded = np.zeros((blocks * LANES, policy.observation_size))
         self._observation = np.zeros((blocks, policy.observation_size, LANES))
-        self._hidden = np.zeros((blocks, compiled.hidden_rows, LANES))
+        self._hidden = np.zeros((blocks, compiled.hidden_rows, LANES), weights.dtype)
         self._action = np.zeros((blocks, compiled.action_size, LANES))
-        self._scratch = np.zeros((compiled.scratch_rows, LANES))
+        self._scratch = np.zeros((compiled.scratch_rows, LANES), weights.dtype)
         self._output = np.zeros((compiled.n_outputs, LANES))
         self._noise = np.zeros((0 if greedy else noise_rows(compiled.draws), LANES))
         self._episode = np.zeros((blocks, LANES), np.uint64)

@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from dpsearch.kernels.lanes import (
     FORWARD_LANES,
     FORWARD_SHARED,
+    FORWARD_SINGLE,
     LANES,
     OBSERVE,
     RESET,
     SAMPLE,
     STEP,
     EnvKernel,
-    first_class,
+    address_of,
     noise_rows,
 )
 from dpsearch.policies.compiled import CompiledPolicy
@@ -61,14 +62,14 @@ class CompiledRollouts:
         self.observation_size = self.kernel.observation_size
 
     @cached_property
-    def _environment(self) -> tuple[Any, Any, Any, NDArray[Any], NDArray[Any], NDArray[Any]]:
+    def _environment(self) -> tuple[Any, Any, Any, Any]:
         """The environment's part of what the compiled engine is called with, gathered once."""
         kernel = self.kernel
         rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
         return (
-            first_class(kernel.reset, RESET),
-            first_class(kernel.observe, OBSERVE),
-            first_class(kernel.step, STEP),
+            np.array(
+                [address_of(kernel.reset, RESET), address_of(kernel.observe, OBSERVE), address_of(kernel.step, STEP)]
+            ),
             kernel.floats,
             kernel.ints,
             np.array(rows),
@@ -137,7 +138,7 @@ class CompiledRollouts:
         """Play the episodes of these numbers, with weights (P,) for all or each with its candidate's of (N, P)."""
         kernel, compiled = self.kernel, policy.compiled()
         check_fit(policy, kernel.observation_size, kernel.action_size)
-        weights = compiled.pack(weights)
+        weights = compiled.pack(weights, greedy)
         agent = _agent(compiled, greedy, weights.ndim == 1)
         queue = np.zeros(1, np.int64)
         jobs = (np.uint64(key), episodes, candidates, self.max_steps, queue)
@@ -165,7 +166,7 @@ class CompiledRollouts:
 
 
 @cache
-def _agent(compiled: CompiledPolicy, greedy: bool, shared: bool) -> tuple[Any, Any, Any, Any, Any]:
+def _agent(compiled: CompiledPolicy, greedy: bool, shared: bool) -> tuple[Any, Any, Any, Any]:
     """What ``play`` needs to know of a policy; remembered, as gathering it takes longer than a short episode."""
     rows = [
         compiled.hidden_rows,
@@ -173,9 +174,10 @@ def _agent(compiled: CompiledPolicy, greedy: bool, shared: bool) -> tuple[Any, A
         compiled.n_outputs,
         0 if greedy else noise_rows(compiled.draws),
     ]
+    forward = FORWARD_LANES if not shared else FORWARD_SHARED if greedy else FORWARD_SINGLE
+    choose = compiled.mode if greedy else compiled.sample
     return (
-        first_class(compiled.forward, FORWARD_SHARED if shared else FORWARD_LANES),
-        first_class(compiled.mode if greedy else compiled.sample, SAMPLE),
+        np.array([address_of(compiled.forward, forward), address_of(choose, SAMPLE)]),
         compiled.sizes,
         compiled.head_sizes,
         np.array(rows),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -24,17 +25,25 @@ def _discount(values, lengths, factor, sums):  # type: ignore[no-untyped-def]
                 sums[t, b] = carried[b]
 
 
-@njit(types.UniTuple(types.float64, 2)(types.float32[:, ::1], types.int64[::1]), cache=True, nogil=True)
-def _moments(values, lengths):  # type: ignore[no-untyped-def]
-    sums, squares = np.zeros(lengths.shape[0]), np.zeros(lengths.shape[0])
-    origin = np.float64(values[0, 0])  # of the squares, so that none of their digits are lost
-    for t in range(values.shape[0]):
-        for b in range(lengths.shape[0]):
-            distance = values[t, b] - origin if t < lengths[b] else 0.0
-            sums[b] += distance
-            squares[b] += distance * distance
-    mean = sums.sum() / lengths.sum()
-    return origin + mean, max(squares.sum() / lengths.sum() - mean * mean, 0.0)
+@njit(
+    [types.void(types.UniTuple(types.float32[:, ::1], n), types.int64[::1], types.float64[:, ::1]) for n in (1, 3)],
+    cache=True,
+    nogil=True,
+)
+def _moments(arrays, lengths, moments):  # type: ignore[no-untyped-def]
+    count = lengths.sum()
+    for i in range(len(arrays)):
+        values = arrays[i]
+        origin = np.float64(values[0, 0])  # of the squares, so that none of their digits are lost
+        sums, squares = np.zeros(lengths.shape[0]), np.zeros(lengths.shape[0])
+        for t in range(values.shape[0]):
+            for b in range(lengths.shape[0]):
+                distance = values[t, b] - origin if t < lengths[b] else 0.0
+                sums[b] += distance
+                squares[b] += distance * distance
+        mean = sums.sum() / count
+        moments[i, 0] = origin + mean
+        moments[i, 1] = max(squares.sum() / count - mean * mean, 0.0)
 
 
 @njit(
@@ -75,14 +84,16 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.lengths)
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """Environment steps in all episodes together."""
         return int(self.lengths.sum())
 
-    @property
+    @cached_property
     def mask(self) -> NDArray[np.bool_]:
         """``(T, B)``, True on the steps that were played."""
+        if self.steps == self.rewards.size:
+            return np.ones(self.rewards.shape, np.bool_)
         mask: NDArray[np.bool_] = np.arange(len(self.rewards))[:, None] < self.lengths
         return mask
 
@@ -134,7 +145,8 @@ class Episodes:
         _discount(np.ascontiguousarray(values), self.lengths if lengths is None else lengths, factor, sums)
         return sums
 
-    def moments(self, values: NDArray[np.float32]) -> tuple[float, float]:
-        """Mean and variance of values ``(T, B)`` over the steps that were played."""
-        mean, variance = _moments(np.ascontiguousarray(values, np.float32), self.lengths)
-        return mean, variance
+    def moments(self, *values: NDArray[np.float32]) -> list[list[float]]:
+        """Mean and variance of each of one or three arrays ``(T, B)`` over the steps that were played."""
+        moments = np.empty((len(values), 2))
+        _moments(tuple(np.ascontiguousarray(v, np.float32) for v in values), self.lengths, moments)
+        return moments.tolist()

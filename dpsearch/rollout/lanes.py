@@ -1,8 +1,9 @@
 """The lane engine's inner loop: blocks of episodes in lock-step, refilled from a queue that threads share.
 
-One function, compiled twice: with one weight vector for all lanes (``collect``: one policy, many episodes) and with
-the weights of a different candidate in every lane (``evaluate``: many policies). A lane that finishes takes the next
-job at once. All randomness is keyed by the job's episode number, so which lane or thread plays it is of no account.
+One function, compiled for each kind of weights: one vector for all lanes (``collect``: one policy, many episodes), in
+single or double precision, or those of a different candidate in every lane (``evaluate``: many policies). A lane that
+finishes takes the next job at once. All randomness is keyed by the job's episode number, so which lane or thread plays
+it is of no account.
 """
 
 from __future__ import annotations
@@ -17,19 +18,38 @@ from dpsearch.kernels.lanes import (
     FLOATS,
     FORWARD_LANES,
     FORWARD_SHARED,
+    FORWARD_SINGLE,
     INTS,
     LANES,
     OBSERVE,
     RESET,
     ROWS,
     SAMPLE,
+    SINGLE_ROWS,
+    SINGLES,
     STEP,
     fetch_add,
+    function_at,
 )
 from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw
 from dpsearch.policies.compiled import remember_action
 
 _IDLE = -1
+_reset_at, _observe_at, _step_at, _sample_at = map(function_at, (RESET, OBSERVE, STEP, SAMPLE))
+_FORWARD_AT = {
+    weights: function_at(signature)
+    for weights, signature in ((SINGLES, FORWARD_SINGLE), (FLOATS, FORWARD_SHARED), (ROWS, FORWARD_LANES))
+}
+
+
+def _forward_at(address: Any, weights: Any) -> Any:
+    """The forward pass at an address, for weights of a kind."""
+
+
+@overload(_forward_at, inline="always")
+def _forward_by_weights(address, weights):  # type: ignore[no-untyped-def]
+    at = _FORWARD_AT[weights]
+    return lambda address, weights: at(address)
 
 
 def _load(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
@@ -48,10 +68,9 @@ def _load_by_layout(weights, population, candidate, lane):  # type: ignore[no-un
     return shared if weights.ndim == 1 else per_lane
 
 
-def _signature(forward: Any, weights: Any) -> Any:
-    function = types.FunctionType
-    kernel = [function(RESET), function(OBSERVE), function(STEP), FLOATS, INTS, INTS]
-    policy = [function(forward), function(SAMPLE), INTS, INTS, INTS, weights, ROWS]
+def _signature(weights: Any, population: Any) -> Any:
+    kernel = [INTS, FLOATS, INTS, INTS]
+    policy = [INTS, INTS, INTS, INTS, weights, population]
     jobs = [types.uint64, types.uint64[::1], INTS, types.int64, INTS]
     record = [types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1]]
     outcome = [FLOATS, INTS, types.boolean[::1]]
@@ -59,20 +78,17 @@ def _signature(forward: Any, weights: Any) -> Any:
 
 
 @njit(
-    [_signature(FORWARD_SHARED, FLOATS), _signature(FORWARD_LANES, ROWS)],
+    [_signature(SINGLES, SINGLE_ROWS), _signature(FLOATS, ROWS), _signature(ROWS, ROWS)],
     cache=True,
     nogil=True,
     error_model="numpy",
 )
 def play(  # type: ignore[no-untyped-def]
-    reset,
-    observe,
-    step,
+    env_functions,  # addresses: reset, observe, step
     floats,
     ints,
     env_rows,  # state, observation, action, noise
-    forward,
-    sample,
+    policy_functions,  # addresses: forward, sample
     policy_sizes,
     head_sizes,
     policy_rows,  # hidden, scratch, output, noise
@@ -91,12 +107,14 @@ def play(  # type: ignore[no-untyped-def]
     terminated,  # (E,)
 ):
     """Play jobs from the queue until it is empty, in one block of lanes."""
+    reset, observe, step = _reset_at(env_functions[0]), _observe_at(env_functions[1]), _step_at(env_functions[2])
+    forward, sample = _forward_at(policy_functions[0], weights), _sample_at(policy_functions[1])
     state = np.zeros((env_rows[0], LANES))
     observation = np.zeros((env_rows[1], LANES))
     action = np.zeros((env_rows[2], LANES))
     env_noise = np.zeros((env_rows[3], LANES))
-    hidden = np.zeros((policy_rows[0], LANES))
-    scratch = np.zeros((policy_rows[1], LANES))
+    hidden = np.zeros((policy_rows[0], LANES), weights.dtype)
+    scratch = np.zeros((policy_rows[1], LANES), weights.dtype)
     output = np.zeros((policy_rows[2], LANES))
     action_noise = np.zeros((policy_rows[3], LANES))
     reward = np.zeros(LANES)
@@ -134,25 +152,24 @@ def play(  # type: ignore[no-untyped-def]
         draw(key, episode, time, ACTION, action_noise)
         sample(head_sizes, action_noise, output, action)
         remember_action(policy_sizes, head_sizes, output, action, hidden)
-        if record:
-            for lane in range(LANES):
-                if job[lane] != _IDLE:
-                    for i in range(observation.shape[0]):
-                        observations[time[lane], job[lane], i] = observation[i, lane]
-                    for i in range(action.shape[0]):
-                        actions[time[lane], job[lane], i] = action[i, lane]
         for lane in range(LANES):
             time[lane] += 1
         draw(key, episode, time, ENVIRONMENT, env_noise)
         step(floats, ints, env_noise, action, state, reward, ended)
         for lane in range(LANES):
-            if job[lane] != _IDLE:
-                total[lane] += reward[lane]
-                if record:
-                    rewards[time[lane] - 1, job[lane]] = reward[lane]
-                if ended[lane] or time[lane] >= max_steps:
-                    returns[job[lane]] = total[lane]
-                    lengths[job[lane]] = time[lane]
-                    terminated[job[lane]] = ended[lane]
-                    job[lane] = _IDLE
-                    busy -= 1
+            if job[lane] == _IDLE:
+                continue
+            total[lane] += reward[lane]
+            if record:
+                t, column = np.uint64(time[lane] - 1), np.uint64(job[lane])  # unsigned: no tests for negative indices
+                for i in range(observation.shape[0]):
+                    observations[t, column, np.uint64(i)] = observation[i, lane]
+                for i in range(action.shape[0]):
+                    actions[t, column, np.uint64(i)] = action[i, lane]
+                rewards[t, column] = reward[lane]
+            if ended[lane] or time[lane] >= max_steps:
+                returns[job[lane]] = total[lane]
+                lengths[job[lane]] = time[lane]
+                terminated[job[lane]] = ended[lane]
+                job[lane] = _IDLE
+                busy -= 1

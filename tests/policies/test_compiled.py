@@ -20,18 +20,18 @@ def random_weights(policy: RecurrentPolicy, seed: int, n: int = LANES) -> NDArra
 
 
 def run_compiled(
-    policy: RecurrentPolicy, weights: NDArray[np.float64], observations: NDArray[np.float64]
+    policy: RecurrentPolicy, weights: NDArray[np.float64], observations: NDArray[np.float64], greedy: bool = True
 ) -> Iterator[NDArray[np.float64]]:
     """The outputs (LANES, n_outputs) at each step, for observations (T, LANES, O)."""
     compiled = policy.compiled()
-    packed = compiled.pack(weights.T).T if weights.ndim == 2 else compiled.pack(weights)
-    weights = np.ascontiguousarray(packed)
-    hidden = np.zeros((compiled.hidden_rows, LANES))
-    scratch = np.full((compiled.scratch_rows, LANES), np.nan)  # what it holds must not matter
+    packed = compiled.pack(weights.T, greedy).T if weights.ndim == 2 else compiled.pack(weights, greedy)
+    packed = np.ascontiguousarray(packed)
+    hidden = np.zeros((compiled.hidden_rows, LANES), packed.dtype)
+    scratch = np.full((compiled.scratch_rows, LANES), np.nan, packed.dtype)  # what it holds must not matter
     output = np.full((compiled.n_outputs, LANES), np.nan)
     for observation in observations:
         rows = np.ascontiguousarray(observation.T)
-        compiled.forward(compiled.sizes, weights, rows, hidden, scratch, output)
+        compiled.forward(compiled.sizes, packed, rows, hidden, scratch, output)
         yield output.T.copy()
 
 
@@ -87,12 +87,26 @@ def test_every_lane_can_have_weights_of_its_own(core: Core, bias: bool, hidden_s
 
 
 @pytest.mark.parametrize("core", CORES)
-def test_in_single_precision_the_module_agrees_to_its_rounding(core: Core) -> None:
-    policy = RecurrentPolicy(3, Categorical([4]), core=core)
+@pytest.mark.parametrize("bias", [True, False])
+@pytest.mark.parametrize("hidden_size", [1, 2, 10, 17])
+@pytest.mark.parametrize("greedy", [True, False])
+def test_in_single_precision_the_module_agrees_to_its_rounding(
+    core: Core, bias: bool, hidden_size: int, greedy: bool
+) -> None:
+    policy = RecurrentPolicy(3, Categorical([4]), core=core, hidden_size=hidden_size, bias=bias)
     observations = np.random.default_rng(5).normal(size=(STEPS, LANES, 3))
     weights = random_weights(policy, seed=6, n=1)[0].astype(np.float32).astype(np.float64)
-    outputs = np.stack(list(run_compiled(policy, weights, observations)))
+    outputs = np.stack(list(run_compiled(policy, weights, observations, greedy)))
     np.testing.assert_allclose(outputs, run_torch(policy, weights, observations), rtol=1e-5, atol=1e-5)
+
+
+def test_only_one_policy_that_samples_plays_in_single_precision() -> None:
+    policy = RecurrentPolicy(3, Categorical([4]))
+    compiled, vector = policy.compiled(), policy.vector()
+    assert compiled.pack(vector, greedy=False).dtype == np.float32
+    assert compiled.pack(vector, greedy=True).dtype == np.float64
+    assert compiled.pack(vector[None], greedy=False).dtype == np.float64
+    np.testing.assert_array_equal(compiled.pack(vector, greedy=False), compiled.pack(vector, greedy=True))
 
 
 @pytest.mark.parametrize("core", CORES)

@@ -78,6 +78,40 @@ def test_eligibilities_of_a_softmax_are_finite_however_far_apart_its_outputs(out
     torch.testing.assert_close(entropy, head.entropy(logits.double()).float(), rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.parametrize("head", [Categorical([4]), Categorical([2, 4, 3]), Categorical([1])])
+@pytest.mark.parametrize("steps", [1, 40, 300])  # of three episodes: less than a block of steps, about one, and many
+@pytest.mark.parametrize("bias", [True, False])
+def test_backpropagating_through_a_layer_is_what_autograd_makes_of_it(
+    head: Categorical, steps: int, bias: bool
+) -> None:
+    shape, layer = (steps, 3), torch.nn.Linear(6, head.n_outputs, bias=bias)
+    features = normal(*shape, 6).float().requires_grad_()
+    weights, bonus = normal(*shape, seed=1).float(), normal(*shape, seed=2).float()
+    for extra in (None, bonus):
+        outputs = layer(features)
+        actions = head.sample(outputs.detach(), uniform(*shape, head.draws)).float()
+        gain = (head.log_prob(outputs, actions) * weights).sum()
+        if extra is not None:
+            gain = gain + (head.entropy(outputs) * extra).sum()
+        parameters = list(layer.parameters())
+        expected = torch.autograd.grad(gain, [features, *parameters])
+        slopes, entropy = head.backpropagate(
+            layer, features, actions.numpy(), weights.numpy(), None if extra is None else extra.numpy()
+        )
+        torch.testing.assert_close(slopes, expected[0], rtol=1e-4, atol=1e-5)
+        for parameter, gradient in zip(parameters, expected[1:], strict=True):
+            torch.testing.assert_close(parameter.grad, gradient, rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(torch.from_numpy(entropy), head.entropy(outputs.detach()), rtol=1e-5, atol=1e-5)
+
+
+def test_a_layer_that_does_not_learn_gets_no_gradient() -> None:
+    head, layer = Categorical([2]), torch.nn.Linear(2, 2)
+    layer.requires_grad_(False)
+    head.backpropagate(layer, torch.ones(4, 1, 2), np.zeros((4, 1, 1), np.float32), np.ones((4, 1), np.float32))
+    assert layer.weight.grad is None
+    assert layer.bias.grad is None
+
+
 def test_scaled_eligibilities_are_the_others_times_the_variance() -> None:
     head, outputs, weights = Gaussian(2), normal(*SHAPE, 4), normal(*SHAPE, seed=1)
     actions = head.sample(outputs, uniform(*SHAPE, 4))

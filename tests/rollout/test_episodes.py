@@ -58,7 +58,7 @@ def test_moments_are_those_of_the_steps_played() -> None:
     episodes = some_episodes()
     values = np.random.default_rng(1).normal(1000.0, 1.0, (5, 4)).astype(np.float32)
     played = values[episodes.mask].astype(np.float64)
-    assert episodes.moments(values) == pytest.approx((played.mean(), played.var()), rel=1e-12)
+    assert episodes.moments(values)[0] == pytest.approx((played.mean(), played.var()), rel=1e-12)
     values[~episodes.mask] = np.nan
-    assert episodes.moments(values) == pytest.approx((played.mean(), played.var()), rel=1e-12)
-    assert episodes.moments(np.full((5, 4), np.float32(0.1))) == (float(np.float32(0.1)), 0.0)
+    assert episodes.moments(values)[0] == pytest.approx((played.mean(), played.var()), rel=1e-12)
+    assert episodes.moments(np.full((5, 4), np.float32(0.1))) == [[float(np.float32(0.1)), 0.0]]
