@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -209,7 +210,7 @@ class Algorithm(ABC, Generic[ConfigT]):
             FloatingPointError: If the environment paid a reward that is not finite.
         """
         episodes = self.rollouts.collect(self.policy, n_episodes, key=self.training_key, first_episode=self.episodes)
-        if not np.isfinite(episodes.returns).all():
+        if not math.isfinite(episodes.returns.sum()) and not np.isfinite(episodes.returns).all():
             worst = self.episodes + int(np.argmin(np.isfinite(episodes.returns)))
             raise FloatingPointError(f"the environment paid a reward that is NaN or infinite in episode {worst}")
         self.episodes += n_episodes

@@ -17,13 +17,15 @@ from typing_extensions import override
 
 from dpsearch.rollout import Episodes
 
+Counted = NDArray[np.bool_] | None
+
 
 class Baseline(ABC):
     """Says what return to expect, from what was seen and done so far."""
 
     @abstractmethod
     def __call__(
-        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], counted: Counted = None
     ) -> tuple[NDArray[np.float32] | float, Tensor | None]:
         """The baseline for a batch, and then learn from the batch.
 
@@ -31,7 +33,7 @@ class Baseline(ABC):
             episodes: The batch.
             features: ``(T, N, H)``, the policy's memory at each step.
             returns: ``(T, N)``, R_t; zero on padding.
-            mask: ``(T, N)``, False on padding.
+            counted: ``(T, N)``, False for steps that are not to be learned from; all that were played if None.
 
         Returns:
             b, that broadcasts to ``(T, N)``; and a loss to add to the policy's, summed over steps, or None.
@@ -67,11 +69,11 @@ class ConstantBaseline(Baseline):
 
     @override
     def __call__(
-        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], counted: Counted = None
     ) -> tuple[float, None]:
         mean = self.expected(episodes, features)
         self._totals.extend(returns.sum(0, dtype=np.float64).tolist())
-        self._lengths.extend(mask.sum(0).tolist())
+        self._lengths.extend(episodes.lengths.tolist())
         return mean, None
 
     @override
@@ -110,10 +112,11 @@ class SharedBaseline(Baseline):
 
     @override
     def __call__(
-        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], counted: Counted = None
     ) -> tuple[NDArray[np.float32], Tensor]:
         expected = self._readout(features).squeeze(-1)  # (T, N)
-        error = ((torch.from_numpy(returns) - expected) * torch.from_numpy(mask)).square().sum()
+        mask = torch.from_numpy(episodes.mask if counted is None else counted)
+        error = ((torch.from_numpy(returns) - expected) * mask).square().sum()
         return expected.detach().numpy(), self._weight * error
 
     @override

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from typing_extensions import override
 
-from dpsearch.algos.baselines import Baseline
+from dpsearch.algos.baselines import Baseline, Counted
 from dpsearch.algos.optimizers import make_optimizer
 from dpsearch.policies import Head
 from dpsearch.policies.buckets import run_in_buckets
@@ -68,8 +68,9 @@ class HistoryBaseline(Baseline):
 
     @override
     def __call__(
-        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], counted: Counted = None
     ) -> tuple[NDArray[np.float32], None]:
+        mask = episodes.mask if counted is None else counted
         inputs, lengths, state = self._inputs(episodes), episodes.seen, self._state(episodes)
         expected = self._forward(inputs, lengths, state)  # serves twice: as the baseline, and to learn from
         foreseen: NDArray[np.float32] = expected.detach().numpy()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
-from dpsearch.algos.baselines import Baseline
+from dpsearch.algos.baselines import Baseline, Counted
 from dpsearch.rollout import Episodes
 
 MEMORY = 0.95  # of what was seen, from update to update
@@ -40,8 +40,9 @@ class QuadraticBaseline(Baseline):
 
     @override
     def __call__(
-        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], mask: NDArray[np.bool_]
+        self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], counted: Counted = None
     ) -> tuple[NDArray[np.float32], None]:
+        mask = episodes.mask if counted is None else counted
         expected = self.expected(episodes, features)
         x = self._terms(episodes.observations[mask])
         self._products = MEMORY * self._products + x.T @ x

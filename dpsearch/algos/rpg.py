@@ -243,8 +243,9 @@ class RPG(Algorithm[RPGConfig]):
         judged = self.backpropagate(episodes)
         length = self._normalise_gradient()
         backpropagated = perf_counter()
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.config.learning_rate * self._halved(self.config.learning_rate_halflife)
+        if self.config.learning_rate_halflife is not None:
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.config.learning_rate * self._halved(self.config.learning_rate_halflife)
         self.optimizer.step()
         self.updates += 1
         if self.config.batch_steps is not None:
@@ -289,44 +290,49 @@ class RPG(Algorithm[RPGConfig]):
             The mean ``entropy`` in nats, and the ``explained_variance``: what part of the R_t's the baseline foresaw.
         """
         policy, head, config = self.policy, self.policy.head, self.config
-        mask = episodes.mask  # (T, N)
         count = len(episodes) if self.stream is None else 1  # the pieces of a stream are one episode
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)
         features = policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
         foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
-        baseline, loss = self.baseline(episodes, features, returns, mask)
-        surprises = (returns - baseline) * mask
+        baseline, loss = self.baseline(episodes, features, returns)
+        surprises: NDArray[np.float32] = returns - baseline
+        if episodes.padded:
+            surprises *= episodes.mask
         self.progress.note(returns[0])
         advantages = generalised_advantages(episodes, surprises, config.gamma, config.trace)  # (T, N)
         if config.normalise_advantages:
-            scale = self._running_scale(advantages[mask])
+            scale = self._running_scale(advantages[episodes.mask])
             advantages = advantages / scale
             loss = None if loss is None else loss / scale**2
         weights: NDArray[np.float32] = advantages / np.float32(-count)  # minus, as optimisers descend
         bonus = None
         if config.entropy_bonus > 0.0:
-            bonus = mask * np.float32(config.entropy_bonus * self._halved(config.entropy_halflife) / -count)
+            bonus = episodes.mask * np.float32(config.entropy_bonus * self._halved(config.entropy_halflife) / -count)
         if isinstance(head, Categorical) and config.natural_step is None and not config.variance_scaled:
             end = features
-            slopes, entropy = head.backpropagate(policy.readout, features, episodes.actions, weights, bonus)
+            slopes, entropy = head.backpropagate(policy.readout_layer, features, episodes.actions, weights, bonus)
         else:
             end = policy.distribution(features, actions, state)  # (T, N, K)
             eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
-            seen = torch.where(torch.from_numpy(mask)[..., None], end.detach(), 0.0)  # padding must not matter
+            seen = end.detach()
+            if episodes.padded:  # what the policy would do there must not matter
+                seen = torch.where(torch.from_numpy(episodes.mask)[..., None], seen, 0.0)
             extra = None if bonus is None else torch.from_numpy(bonus)
             slopes, entropies = eligible(seen, actions, torch.from_numpy(weights), extra)
             entropy = entropies.numpy()
         if config.natural_step is not None:
             divergence = config.natural_step
             if self.stream is not None and config.normalise_advantages:  # where all goes as expected, little is learned
-                divergence *= min(float(np.square(advantages[mask]).mean()), 1.0)
+                divergence *= min(float(np.square(advantages[episodes.mask]).mean()), 1.0)
             self._ascend_naturally(episodes, end, slopes, divergence)
         elif loss is None:
             end.backward(slopes)  # through time, section 3.3.3
         else:
             torch.autograd.backward((end, loss / count), (slopes, None))
+        if isinstance(baseline, float):  # which explains nothing
+            return {"entropy": episodes.moments(entropy)[0][0], "explained_variance": 0.0}
         (entropy_mean, _), (_, spread), (_, left) = episodes.moments(entropy, returns, surprises)
         return {"entropy": entropy_mean, "explained_variance": 1.0 - left / spread if spread > 0.0 else 0.0}
 

@@ -21,7 +21,7 @@ def buckets(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     Args:
         lengths: Steps of each episode, ``(B,)``.
     """
-    if lengths.max() * len(lengths) == lengths.sum():
+    if lengths.min() == lengths.max():
         return [np.arange(len(lengths))]
     order = np.argsort(-lengths, kind="stable")
     return _split(order, lengths[order])
@@ -50,6 +50,8 @@ def run_in_buckets(run: Callable[[Tensor], Tensor], inputs: Tensor, lengths: NDA
     Returns:
         ``(T, B, H)``; beyond an episode's end either zero or what the core makes of the padding.
     """
+    if lengths.sum() == len(inputs) * len(lengths):
+        return run(inputs)
     groups = buckets(lengths)
     if len(groups) == 1:
         return run(inputs)

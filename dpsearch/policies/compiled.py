@@ -53,9 +53,8 @@ class CompiledPolicy:
         n_outputs: Rows of output; the last are what is left of the noise of the step before.
         action_size: Rows of action.
         draws: Uniform numbers an action needs.
-        noise_memory: What part of the noise is left after a step.
-        order: Where each packed weight stands in ``RecurrentPolicy.vector()``; P for a 0, P + 1 for a 1 and P + 2 for
-            the ``noise_memory`` that no parameter holds.
+        constants: 0, 1 and what part of the noise is left after a step, which no parameter holds, ``(3,)``.
+        order: Where each packed weight stands in ``RecurrentPolicy.vector()`` with the constants behind it.
     """
 
     forward: Compiled
@@ -68,7 +67,7 @@ class CompiledPolicy:
     n_outputs: int
     action_size: int
     draws: int
-    noise_memory: float
+    constants: NDArray[np.float64]
     order: NDArray[np.intp]
 
     def pack(self, weights: NDArray[np.float64], greedy: bool) -> NDArray[Any]:
@@ -78,10 +77,9 @@ class CompiledPolicy:
         candidates, and of who acts greedily, they are float64: whether a pole stays up for 100,000 steps can depend on
         the last digit, and a candidate that was found to do it must do it again as the policy that it becomes.
         """
-        p = weights.shape[-1]
-        extended = np.empty((*weights.shape[:-1], p + 3), np.float64 if greedy or weights.ndim > 1 else np.float32)
-        extended[..., :p], extended[..., p:] = weights, (0.0, 1.0, self.noise_memory)
-        return extended.take(self.order, axis=-1)
+        precision = np.float64 if greedy or weights.ndim > 1 else np.float32
+        constants = np.broadcast_to(self.constants, (*weights.shape[:-1], 3)) if weights.ndim > 1 else self.constants
+        return np.concatenate((weights, constants), axis=-1, dtype=precision).take(self.order, axis=-1)
 
 
 @njit(inline="always")
@@ -295,7 +293,7 @@ def compiled_policy(
         n_outputs=head.n_outputs + noise,
         action_size=head.action_size,
         draws=head.draws,
-        noise_memory=noise_memory,
+        constants=np.array([0.0, 1.0, noise_memory]),
         order=_order(
             [(units, inputs), (units, recurrent), (units, int(bias))],
             [(head.n_outputs, n), (head.n_outputs, int(bias))],

@@ -98,10 +98,13 @@ def softmax_eligibilities(sizes, outputs, actions, weights, bonus, eligibilities
                 eligibilities[first + m, k] = block[k, m]
 
 
+_STEPS = types.float32[:, :, ::1]
+
+
 @njit(
     types.void(
-        *(INTS, SINGLE_ROWS, SINGLES, SINGLE_ROWS, SINGLE_ROWS, SINGLES, SINGLES),
-        *(SINGLE_ROWS, SINGLE_ROWS, SINGLES, SINGLES),
+        *(INTS, SINGLE_ROWS, SINGLES, _STEPS, _STEPS, SINGLE_ROWS, SINGLE_ROWS),
+        *(_STEPS, SINGLE_ROWS, SINGLES, SINGLE_ROWS),
     ),
     cache=True,
     nogil=True,
@@ -117,16 +120,22 @@ def softmax_gradient(  # type: ignore[no-untyped-def]
         sizes: ``(A,)``, choices of each group.
         weight: ``(K, H)``, the layer's.
         bias: ``(K,)``, likewise.
-        features: ``(M, H)``, of M steps.
-        actions: ``(M, A)``, whole numbers.
-        weights: ``(M,)``, of the derivatives of log pi(a|h).
-        bonus: ``(M,)``, of those of the entropy, or ``(0,)`` for none.
-        by_features: ``(M, H)``, the derivatives by the features, written.
+        features: ``(T, B, H)``.
+        actions: ``(T, B, A)``, whole numbers.
+        weights: ``(T, B)``, of the derivatives of log pi(a|h).
+        bonus: ``(T, B)``, of those of the entropy, or ``(0, 0)`` for none.
+        by_features: ``(T, B, H)``, the derivatives by the features, written.
         by_weight: ``(K, H)``, those by the layer's weights, written: the sum over steps.
         by_bias: ``(K,)``, likewise.
-        entropy: ``(M,)``, written: of all groups together, in nats.
+        entropy: ``(T, B)``, written: of all groups together, in nats.
     """
-    n, size = features.shape
+    n, size = weights.size, len(weight[0])
+    features, by_features, actions = (
+        features.reshape(n, size),
+        by_features.reshape(n, size),
+        actions.reshape(n, len(sizes)),
+    )
+    weights, bonus, entropy = weights.reshape(n), bonus.reshape(bonus.size), entropy.reshape(n)
     seen = np.empty((size, BLOCK), np.float32)
     outputs = np.empty((len(bias), BLOCK), np.float32)
     working = np.empty((_WORKING_ROWS + len(bias), BLOCK), np.float32)

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 from typing_extensions import override
 
 from dpsearch.policies.eligibilities import softmax_eligibilities, softmax_gradient
 
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
-_NO_BONUS = np.empty(0, np.float32)
+_NO_BONUS = np.empty((0, 0), np.float32)
 
 
 def _rows(numbers: NDArray[Any], *width: int) -> NDArray[np.float32]:
@@ -198,7 +198,7 @@ class Categorical(Head):
             _rows(outputs.detach().numpy(), self.n_outputs),
             _rows(actions.numpy(), self.action_size),
             _rows(weights.numpy()),
-            _NO_BONUS if bonus is None else _rows(bonus.numpy()),
+            _rows(_NO_BONUS if bonus is None else bonus.numpy()),
             eligibilities,
             entropy,
         )
@@ -206,7 +206,7 @@ class Categorical(Head):
 
     def backpropagate(
         self,
-        layer: nn.Linear,
+        layer: tuple[Tensor, Tensor | None],
         features: Tensor,
         actions: NDArray[np.float32],
         weights: NDArray[np.float32],
@@ -215,7 +215,8 @@ class Categorical(Head):
         """``eligibilities``, backpropagated through the linear layer that makes the outputs, several times faster.
 
         Args:
-            layer: From H features to the outputs; its ``grad`` is set, if it learns.
+            layer: Its weights ``(K, H)``, from H features to the K outputs, and its bias ``(K,)``, if it has one; their
+                ``grad`` is set, if they learn.
             features: ``(T, B, H)``.
             actions: ``(T, B, action_size)``.
             weights: ``(T, B)``, that each step's eligibilities are multiplied by.
@@ -224,19 +225,18 @@ class Categorical(Head):
         Returns:
             The derivatives by the features, ``(T, B, H)``, and the entropy ``(T, B)``.
         """
-        weight = layer.weight.detach().numpy()
-        bias = np.zeros(len(weight), np.float32) if layer.bias is None else layer.bias.detach().numpy()
+        weight = layer[0].detach().numpy()
+        bias = np.zeros(len(weight), np.float32) if layer[1] is None else layer[1].detach().numpy()
         by_features, entropy = np.empty(features.shape, np.float32), np.empty(weights.shape, np.float32)
         by_weight, by_bias = np.empty_like(weight), np.empty_like(bias)
+        seen = np.ascontiguousarray(features.detach().numpy())
+        extra = _NO_BONUS if bonus is None else bonus
         softmax_gradient(
-            *(self._sizes, weight, bias, _rows(features.detach().numpy(), len(weight.T))),
-            *(_rows(actions, self.action_size), _rows(weights), _NO_BONUS if bonus is None else _rows(bonus)),
-            *(_rows(by_features, len(weight.T)), by_weight, by_bias, _rows(entropy)),
+            *(self._sizes, weight, bias, seen, actions, weights, extra, by_features, by_weight, by_bias, entropy)
         )
-        if layer.weight.requires_grad:
-            layer.weight.grad = torch.from_numpy(by_weight)
-            if layer.bias is not None:
-                layer.bias.grad = torch.from_numpy(by_bias)
+        for parameter, gradient in zip(layer, (by_weight, by_bias), strict=True):
+            if parameter is not None and parameter.requires_grad:
+                parameter.grad = torch.from_numpy(gradient)
         return torch.from_numpy(by_features), entropy
 
     @override

@@ -159,10 +159,8 @@ class CompiledRollouts:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(self.threads)
             list(self._pool.map(block, range(self.threads)))
-        longest = int(lengths.max()) if record else 0
-        played = observations[:longest], actions[:longest], rewards[:longest]
-        clear_padding(*played, lengths)
-        return Episodes(*played, lengths, terminated, returns)
+        longest = clear_padding(observations, actions, rewards, lengths) if record else 0
+        return Episodes(observations[:longest], actions[:longest], rewards[:longest], lengths, terminated, returns)
 
 
 @cache

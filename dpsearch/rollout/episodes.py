@@ -47,18 +47,23 @@ def _moments(arrays, lengths, moments):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    types.void(types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1], types.int64[::1]),
+    types.int64(types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1], types.int64[::1]),
     cache=True,
     nogil=True,
 )
 def clear_padding(observations, actions, rewards, lengths):  # type: ignore[no-untyped-def]
-    """Zero what lies beyond the end of each episode, in arrays (T, B, ..)."""
-    for t in range(rewards.shape[0]):
+    """Zero what lies beyond the end of each episode, up to the end of the longest; returns its length.
+
+    Arrays are (T, B, ..), with T at least that.
+    """
+    longest = lengths.max()
+    for t in range(lengths.min(), longest):
         for b in range(lengths.shape[0]):
             if t >= lengths[b]:
                 observations[t, b] = 0.0
                 actions[t, b] = 0.0
                 rewards[t, b] = 0.0
+    return longest
 
 
 @dataclass(frozen=True)
@@ -89,11 +94,14 @@ class Episodes:
         """Environment steps in all episodes together."""
         return int(self.lengths.sum())
 
+    @property
+    def padded(self) -> bool:
+        """Whether some episodes are shorter than others."""
+        return self.steps < self.rewards.size
+
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
         """``(T, B)``, True on the steps that were played."""
-        if self.steps == self.rewards.size:
-            return np.ones(self.rewards.shape, np.bool_)
         mask: NDArray[np.bool_] = np.arange(len(self.rewards))[:, None] < self.lengths
         return mask
 

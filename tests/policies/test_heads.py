@@ -96,7 +96,11 @@ def test_backpropagating_through_a_layer_is_what_autograd_makes_of_it(
         parameters = list(layer.parameters())
         expected = torch.autograd.grad(gain, [features, *parameters])
         slopes, entropy = head.backpropagate(
-            layer, features, actions.numpy(), weights.numpy(), None if extra is None else extra.numpy()
+            (layer.weight, layer.bias),
+            features,
+            actions.numpy(),
+            weights.numpy(),
+            extra if extra is None else extra.numpy(),
         )
         torch.testing.assert_close(slopes, expected[0], rtol=1e-4, atol=1e-5)
         for parameter, gradient in zip(parameters, expected[1:], strict=True):
@@ -107,7 +111,8 @@ def test_backpropagating_through_a_layer_is_what_autograd_makes_of_it(
 def test_a_layer_that_does_not_learn_gets_no_gradient() -> None:
     head, layer = Categorical([2]), torch.nn.Linear(2, 2)
     layer.requires_grad_(False)
-    head.backpropagate(layer, torch.ones(4, 1, 2), np.zeros((4, 1, 1), np.float32), np.ones((4, 1), np.float32))
+    actions, weights = np.zeros((4, 1, 1), np.float32), np.ones((4, 1), np.float32)
+    head.backpropagate((layer.weight, layer.bias), torch.ones(4, 1, 2), actions, weights)
     assert layer.weight.grad is None
     assert layer.bias.grad is None
 
