@@ -222,13 +222,13 @@ def _task(row: Row) -> str:
 WORDS = (
     "Each run plays as many episodes as LRWR did in the thesis: 100 batches of 30, or of 75 in cheese mazes and T-mazes"
     f". Its policy is then judged in {ROLLOUTS:,} other episodes, once with sampled and once with its most likely "
-    f"actions ({MORE_ROLLOUTS:,} in the 4x3 maze, where luck makes most of an episode's return). "
+    f"actions ({MORE_ROLLOUTS:,} in 4x3 mazes, where luck makes most of an episode's return). "
     "Numbers are mean ± standard deviation over runs, with the 95% bootstrap interval of the mean. "
     "In italics what needs no learning, computed from the tasks' tables: all actions equally often, written by hand, "
     "and optimal for the discounted return, for who sees what the agent sees and for who sees the state. Where the "
     "thesis's numbers fit another task than its text describes, both are here: a tiger that ends the "
-    "episode, a cheese maze entered anywhere in which bumps cost nothing, and T-mazes "
-    "in which either turn is paid."
+    "episode, a 4x3 maze in which the agent may slip any way and `-` costs no more than any step, a cheese maze "
+    "entered anywhere in which bumps cost nothing, and T-mazes in which either turn is paid."
 )
 
 
