@@ -23,7 +23,7 @@
 - *Optimum:* 0.762, or 0.698 with ``minus_ends=True``. Random actions earn -1.96, or -1.10.
 
 The thesis's numbers fit ``slips="any_way", minus_reward=-0.04``, although its text has the defaults: there random
-actions have a mean over episodes of the reward per step of 0.056, and the optimal policy, which earns 0.828, has 0.27;
+actions have a mean over episodes of the reward per step of 0.056, and the optimal policy, which earns 0.83, has 0.27;
 both are as printed. With the defaults it is -0.006 and 0.21.
 
 Sources: R. Parr and S. Russell, "Approximating optimal policies for partially observable stochastic domains", IJCAI
