@@ -98,6 +98,8 @@ class Maze4x3Config(EnvConfig):
     """The 4x3 maze; see ``dpsearch.envs.Maze4x3``."""
 
     minus_ends: bool = MISSING
+    slips: str = MISSING
+    minus_reward: float = MISSING
 
 
 @dataclass

@@ -19,7 +19,6 @@ _COMPASS: tuple[Point, ...] = ((0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))
 _SIDES = ("ahead", "on the right", "behind", "on the left")
 _ROCK = "#ddd8cc"
 _FILLS = {"+": palette.MINT, "G": palette.MINT, "T": palette.MINT, "-": palette.ROSE}  # of marked cells
-_LABELS = {"+": "+1", "-": "-1", "G": "+1"}
 _TURNS = {"turn left": 3, "turn right": 1, "turn about": 2, "do nothing": 0}  # quarters to the right
 _TURNED = ("did not turn", "turned right", "turned about", "turned left")
 
@@ -38,6 +37,7 @@ class Look:
         goal: What the end is called.
         felt: For each symbol which walls it tells of, if its inputs are not one for each side. A symbol beyond
             these tells of none.
+        minus: What is written into the cell ``-``.
     """
 
     title: str
@@ -45,6 +45,11 @@ class Look:
     rules: tuple[str, ...]
     goal: str
     felt: tuple[_Felt, ...] | None = None
+    minus: str = "-1"
+
+    def label(self, mark: str) -> str | None:
+        """What is written into a cell that is so marked; None if nothing is."""
+        return {"+": "+1", "-": self.minus, "G": "+1"}.get(mark)
 
 
 CHEESE_MAZE = Look(
@@ -154,7 +159,7 @@ class _View:
         """What goes on."""
         moment = self.moment
         if moment.terminated and self.mark == "-":
-            return Message("It came to -1, and that is the end.", palette.RED)
+            return Message(f"It came to {self.look.minus}, and that is the end.", palette.RED)
         if moment.terminated:
             return Message(f"It has reached {self.look.goal}: +1.", palette.GREEN)
         if moment.step >= moment.max_steps:
@@ -187,7 +192,7 @@ class _View:
                 return Message(f"It {_TURNED[turned]}." if turned else "It did nothing.")
             return Message(f"It wanted to {self.wish} but {_TURNED[turned]}.", palette.RED)
         cost = f": {moment.last_reward:+g}" if moment.last_reward else ""
-        where = " into -1" if self.mark == "-" else ""
+        where = f" into {self.look.minus}" if self.mark == "-" else ""
         if went == wanted:
             way = moment.did if moment.did in DIRECTIONS else "ahead"
             return Message(f"It went {way}{where}{cost}.", palette.RED if where else palette.INK)
@@ -236,17 +241,17 @@ def _cells(canvas: Canvas, view: _View, centers: list[Point], size: float) -> No
         shade = 0.85 * math.sqrt(probability)
         canvas.box((x - half, y - half), (x + half, y + half), palette.mix(fill, palette.BLUE, shade), palette.LINE)
         if cell != here:
-            _mark(canvas, mark, (x, y), size)
+            _mark(canvas, mark, view.look.label(mark), (x, y), size)
         if beliefs is not None and probability >= 0.005:
             _probability(canvas, (x, y), size, beliefs[cell], palette.WHITE if shade > 0.45 else palette.INK)
 
 
-def _mark(canvas: Canvas, mark: str, center: Point, size: float) -> None:
+def _mark(canvas: Canvas, mark: str, label: str | None, center: Point, size: float) -> None:
     """What there is in a cell."""
     if mark == "T":
         _cheese(canvas, center, size * 0.3)
-    elif mark in _LABELS:
-        canvas.text(center, _LABELS[mark], round(size / 3), palette.RED if mark == "-" else palette.GREEN, "mm")
+    elif label is not None:
+        canvas.text(center, label, round(size / 3), palette.RED if mark == "-" else palette.GREEN, "mm")
 
 
 def _probability(canvas: Canvas, center: Point, size: float, belief: NDArray[np.float64], color: str) -> None:
@@ -316,7 +321,7 @@ def _cheese(canvas: Canvas, center: Point, r: float) -> None:
 def _feel(canvas: Canvas, center: Point, view: _View) -> None:
     """The walls that the agent feels around it; red ones are wrong."""
     x, y = center[0], center[1] - 12
-    label = _LABELS.get({"at +": "+", "at -": "-"}.get(view.moment.sees, ""))
+    label = view.look.label({"at +": "+", "at -": "-"}.get(view.moment.sees, ""))
     if label is not None:
         good = label == "+1"
         fill, color = (palette.MINT, palette.GREEN) if good else (palette.ROSE, palette.RED)

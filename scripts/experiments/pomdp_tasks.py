@@ -90,7 +90,15 @@ ANYWHERE = PomdpTask(
     partial(CheeseMaze.make_task, start="anywhere", bump_reward=0.0),
     batch=75,
 )
-BEHIND = (SINGLE, ANYWHERE, _corridor(3, either=True), _corridor(5, either=True), _corridor(7, either=True))
+SLIPPERY = PomdpTask(
+    "maze4x3_any_way",
+    "4x3 maze, slips any way",
+    "maze4x3",
+    ("env.slips=any_way", "env.minus_reward=-0.04"),
+    partial(Maze4x3.make_task, slips="any_way", minus_reward=-0.04),
+    rollouts=MORE_ROLLOUTS,
+)
+BEHIND = (SINGLE, SLIPPERY, ANYWHERE, _corridor(3, either=True), _corridor(5, either=True), _corridor(7, either=True))
 """The tasks that the thesis's numbers belong to, where they are others."""
 
 TASKS = {task.name: task for task in (*TEXT, *BEHIND)}

@@ -32,6 +32,8 @@ LATER: dict[str, Any] = {
     "entropy_bonus": 0.0,
     "entropy_halflife": None,
     "wrong_turn_reward": -0.1,
+    "slips": "sideways",
+    "minus_reward": -1.0,
     "baseline_cells": 10,
     "baseline_optimizer": "Adam",
     "baseline_learning_rate": 0.01,

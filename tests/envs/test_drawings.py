@@ -45,6 +45,7 @@ KINDS: list[Kind] = [
     (CheeseMaze, {"start": "anywhere"}),
     (Maze4x3, {}),
     (Maze4x3, {"minus_ends": True}),
+    (Maze4x3, {"slips": "any_way", "minus_reward": -0.04}),
     (Maze89, {}),
 ]
 NAMES = [kind.__name__ + "".join(f" {name}" for name in arguments) for kind, arguments in KINDS]
@@ -75,7 +76,9 @@ def drawn(env: TabularEnv, moment: Moment) -> Drawn:
 def told(kind: type[TabularEnv], before: int | None, action: int | None, now: int, **changes: Any) -> str:
     """The text of a moment in which an action has led from one state to another."""
     arguments: dict[str, Any] = {
-        name: changes.pop(name) for name in ("single", "minus_ends", "corridor_length") if name in changes
+        name: changes.pop(name)
+        for name in ("single", "minus_ends", "minus_reward", "corridor_length")
+        if name in changes
     }
     env = make((kind, arguments), render_mode="ansi")
     env.reset(seed=0)
@@ -308,6 +311,8 @@ NORTH, EAST, SOUTH, WEST = range(4)
         (Maze4x3, 6, EAST, 6, {}, "It wanted to go east, but it stayed where it was."),
         (Maze4x3, 4, EAST, 10, {"last_reward": -1.0}, "It went east into -1: -1."),
         (Maze4x3, 4, EAST, 10, {"last_reward": -1.0, "minus_ends": True}, "It came to -1, and that is the end."),
+        (Maze4x3, 4, EAST, 10, {"last_reward": -0.5, "minus_reward": -0.5}, "It went east into -0.5: -0.5."),
+        (Maze4x3, 4, EAST, 10, {"last_reward": -0.04, "minus_reward": -0.04}, "It went east into -: -0.04."),
         (Maze4x3, 2, EAST, 9, {"last_reward": 1.0}, "It has reached the end: +1."),
         (Maze89, 5, maze89.FORWARD, 9, {}, "It went ahead."),
         (Maze89, 10, maze89.FORWARD, 13, {}, "It wanted to go ahead but came out on the left."),

@@ -19,8 +19,8 @@ GOOD, BAD, ROCK = (4, 3), (4, 2), (2, 2)
 class PlainMaze:
     """The 4x3 maze once more, straight from its definition."""
 
-    def __init__(self, minus_ends: bool) -> None:
-        self.minus_ends = minus_ends
+    def __init__(self, minus_ends: bool, slips: str = "sideways", minus_reward: float = -1.0) -> None:
+        self.minus_ends, self.slips, self.minus_reward = minus_ends, slips, minus_reward
 
     def states(self) -> list[Place]:
         places = [(x, y) for y in (3, 2, 1) for x in (1, 2, 3, 4)]
@@ -37,10 +37,13 @@ class PlainMaze:
         return place if place in self.states() else state
 
     def step(self, state: Place, action: int) -> list[tuple[float, Place, float]]:
-        right, up = [(0, 1), (1, 0), (0, -1), (-1, 0)][action]
+        compass = [(0, 1), (1, 0), (0, -1), (-1, 0)]
+        right, up = compass[action]
         ways = [(0.8, right, up), (0.1, up, right), (0.1, -up, -right)]
+        if self.slips == "any_way":
+            ways = [(p * q, *compass[way]) for p, meant in slipped(action) for q, way in replaced(meant)]
         ends = [(p, self.goes(state, dx, dy)) for p, dx, dy in ways]
-        return [(p, place, {GOOD: 1.0, BAD: -1.0}.get(place, -0.04)) for p, place in ends]
+        return [(p, place, {GOOD: 1.0, BAD: self.minus_reward}.get(place, -0.04)) for p, place in ends]
 
     def sees(self, state: Place, action: int | None) -> list[tuple[float, tuple[float, ...]]]:
         left, right = self.goes(state, -1, 0) == state, self.goes(state, 1, 0) == state
@@ -49,9 +52,31 @@ class PlainMaze:
         return [(1.0, (*inner, float(state == GOOD), float(state == BAD)))]
 
 
+def slipped(action: int) -> list[tuple[float, int]]:
+    """Each direction that is a rival of the one intended has a tenth; to the north and east all are, itself too."""
+    rivals = [way for way in range(4) if action - way != 2]
+    return [(1 - len(rivals) / 10, action), *((0.1, way) for way in rivals)]
+
+
+def replaced(action: int) -> list[tuple[float, int]]:
+    """Any action is replaced by any at random in a tenth of the steps."""
+    return [(0.9, action), *((0.1 / 4, way) for way in range(4))]
+
+
 @pytest.mark.parametrize("minus_ends", [False, True])
-def test_the_tables_are_as_the_definition_says(minus_ends: bool) -> None:
-    require_same(maze4x3_pomdp(minus_ends), PlainMaze(minus_ends))
+@pytest.mark.parametrize("slips", ["sideways", "any_way"])
+@pytest.mark.parametrize("minus_reward", [-1.0, -0.04])
+def test_the_tables_are_as_the_definition_says(minus_ends: bool, slips: str, minus_reward: float) -> None:
+    require_same(maze4x3_pomdp(minus_ends, slips, minus_reward), PlainMaze(minus_ends, slips, minus_reward))
+
+
+def test_slips_go_any_way_as_often_as_documented() -> None:
+    """From cell 7, which has a cell above it and one on either side; to the south it stays."""
+    pomdp = maze4x3_pomdp(slips="any_way")
+    ways = [pomdp.transition_matrix(action)[7] for action in range(4)]
+    north, east, south, west = 4, 8, 7, 6
+    expected = [[655, 115, 115, 115], [115, 655, 115, 115], [25, 115, 745, 115], [115, 25, 115, 745]]
+    np.testing.assert_allclose([way[[north, east, south, west]] for way in ways], np.array(expected) / 1000)
 
 
 def test_cells_are_numbered_as_drawn() -> None:
@@ -97,6 +122,20 @@ def test_minus_ends_must_be_true_or_false(minus_ends: Any) -> None:
             make(minus_ends=minus_ends)
 
 
-def test_there_is_a_threshold_for_either_variant() -> None:
+@pytest.mark.parametrize("slips", ["both ways", None, 3])
+def test_slips_go_sideways_or_any_way(slips: Any) -> None:
+    with pytest.raises(ValueError, match=f"slips must be one of sideways, any_way, got {slips!r}"):
+        Maze4x3(slips=slips)
+
+
+@pytest.mark.parametrize("minus_reward", [True, None, float("nan"), "-1"])
+def test_the_reward_of_minus_must_be_a_finite_number(minus_reward: Any) -> None:
+    with pytest.raises(ValueError, match=f"minus_reward must be a finite number, got {minus_reward!r}"):
+        Maze4x3(minus_reward=minus_reward)
+
+
+def test_there_is_a_threshold_for_the_variants_whose_optimum_is_known() -> None:
     assert Maze4x3().reward_threshold == 0.7
     assert Maze4x3(minus_ends=True).reward_threshold == 0.6
+    assert Maze4x3(slips="any_way", minus_reward=-0.04).reward_threshold == 0.78
+    assert Maze4x3(minus_reward=-0.5).reward_threshold is None

@@ -26,6 +26,7 @@ TASKS: list[tuple[Any, dict[str, Any]]] = [
     (ShuttleDocking, {}),
     (Maze4x3, {}),
     (Maze4x3, {"minus_ends": True}),
+    (Maze4x3, {"slips": "any_way"}),
     (CheeseMaze, {}),
     (CheeseMaze, {"start": "anywhere", "bump_reward": 0.0}),
     (Maze89, {}),

@@ -14,12 +14,23 @@ from scripts.experiments.pomdp_tasks import BEHIND, TASKS, TEXT, yardsticks
 from scripts.experiments.pomdps import METHODS, RPG_THESIS, cell, judged, learn_and_play
 from scripts.reproduce import main
 
-RANDOM = {"tiger_single": -36, "cheese_anywhere": 0.072, "tmaze3_either": 0.166, "tmaze5_either": 0.046}
+RANDOM = {
+    "tiger_single": -36,
+    "maze4x3_any_way": 0.056,
+    "cheese_anywhere": 0.072,
+    "tmaze3_either": 0.166,
+    "tmaze5_either": 0.046,
+}
 
 
 @pytest.mark.parametrize("name", RANDOM)
 def test_the_tasks_behind_the_thesis_s_numbers_have_its_random_policy_s(name: str) -> None:
     assert yardsticks(name).random.thesis_metric.value == pytest.approx(RANDOM[name], rel=0.04)
+
+
+def test_the_optimal_policy_of_the_4x3_maze_has_the_thesis_s_numbers_of_those_by_hand_and_by_rpg() -> None:
+    assert yardsticks("maze4x3_any_way").optimal.thesis_metric.value == pytest.approx(0.27, abs=0.005)
+    assert yardsticks("maze4x3").optimal.thesis_metric.value == pytest.approx(0.21, abs=0.005)
 
 
 @pytest.mark.parametrize("task", [*TEXT, *BEHIND], ids=lambda task: str(task.name))
@@ -44,6 +55,8 @@ def test_every_method_has_settings_for_every_task_and_the_thesis_s_numbers() -> 
     assert len({each.settings.fingerprint() for each in cells}) == len(cells)
     assert cell(METHODS["lrwr_thesis"], TASKS["shuttle"]).thesis["sampled_thesis_metric"] == 0.709
     assert cell(METHODS["nes"], TASKS["tiger_single"]).thesis["sampled_thesis_metric"] == -15.6
+    assert cell(METHODS["fem"], TASKS["maze4x3_any_way"]).thesis["sampled_thesis_metric"] == 0.246
+    assert not cell(METHODS["nes"], TASKS["maze4x3"]).thesis
     assert not cell(METHODS["nes"], TASKS["tiger"]).thesis  # whose numbers are those of another task
 
 
