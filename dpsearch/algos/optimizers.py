@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from inspect import signature
+from math import isfinite, sqrt
 from typing import Any
 
+import numpy as np
 import torch
 from torch import nn
 from typing_extensions import override
@@ -17,6 +19,8 @@ OPTIMIZERS = sorted(
     # the first is the base class, the others need a closure, sparse gradients, or matrices
     if name not in ("Optimizer", "LBFGS", "SparseAdam", "Muon")
 )
+
+TINY = torch.finfo(torch.float32).tiny
 
 
 class GradientDescent(torch.optim.SGD):
@@ -54,3 +58,27 @@ def make_optimizer(
         known = ", ".join(sorted(set(signature(getattr(torch.optim, name)).parameters) - {"params", "lr"}))
         raise ValueError(f"optimizer_options do not fit {name}, which takes {known}: {error}") from error
     return optimizer
+
+
+def normalise_gradient(parameters: Iterable[nn.Parameter], length: float | None, update: int) -> float:
+    """Scale the gradient of all parameters together to a length, or leave it as it is; returns the length it had.
+
+    Args:
+        parameters: Whose ``grad`` it is; those without one do not count.
+        length: What it is to be; None for what it is. A gradient of length 0 stays.
+        update: Its number, for the error message.
+
+    Raises:
+        FloatingPointError: If it is not finite.
+    """
+    gradients = [g.numpy() for p in parameters if (g := p.grad) is not None]  # NumPy's calls cost less than torch's
+    flat = np.concatenate(gradients, axis=None, dtype=np.float64)
+    before = sqrt(flat @ flat)
+    if not isfinite(before):
+        raise FloatingPointError(
+            f"the gradient of update {update} is not finite: the steps or the rewards are too large"
+        )
+    if length is not None and before > TINY:
+        for gradient in gradients:
+            gradient *= length / before
+    return before

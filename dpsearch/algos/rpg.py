@@ -28,7 +28,7 @@ from dpsearch.algos.base import BASELINE, WEIGHTS, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.natural_gradient import natural_step
-from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
+from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer, normalise_gradient
 from dpsearch.algos.progress import Progress
 from dpsearch.algos.quadratic_baseline import QuadraticBaseline
 from dpsearch.algos.settings import FINITE, positive_or_none, require
@@ -37,7 +37,6 @@ from dpsearch.policies import Categorical
 from dpsearch.rollout import Episodes, Pieces, Stream
 
 BASELINES = ("constant", "shared", "history", "quadratic")
-TINY = torch.finfo(torch.float32).tiny
 
 
 @dataclass
@@ -241,7 +240,7 @@ class RPG(Algorithm[RPGConfig]):
         for parameter in self.parameters:
             parameter.grad = None  # optimizer.zero_grad() takes ten times longer
         judged = self.backpropagate(episodes)
-        length = self._normalise_gradient()
+        length = normalise_gradient(self.parameters, self.config.gradient_length, self.updates)
         backpropagated = perf_counter()
         if self.config.learning_rate_halflife is not None:
             for group in self.optimizer.param_groups:
@@ -366,20 +365,6 @@ class RPG(Algorithm[RPGConfig]):
     def _halved(self, halflife: float | None) -> float:
         """What is left of something at this update."""
         return 1.0 if halflife is None else 0.5 ** ((self.updates - self._first_update) / halflife)
-
-    def _normalise_gradient(self) -> float:
-        """Scale the gradient to the length asked for; returns the length it had."""
-        gradients = [g.numpy() for p in self.parameters if (g := p.grad) is not None]  # NumPy's calls cost less
-        flat = np.concatenate(gradients, axis=None, dtype=np.float64)
-        length = math.sqrt(flat @ flat)
-        if not math.isfinite(length):
-            raise FloatingPointError(
-                f"the gradient of update {self.updates} is not finite: the steps or the rewards are too large"
-            )
-        if self.config.gradient_length is not None and length > TINY:
-            for gradient in gradients:
-                gradient *= self.config.gradient_length / length
-        return length
 
     @override
     def close(self) -> None:

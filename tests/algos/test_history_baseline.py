@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_what_it_expects_does_not_depend_on_the_action_taken_then_or_later() -> 
     played, trained = episodes(5), learned(2)
     expected = trained.expected(played)
     t = int(played.lengths.min()) // 2
-    changed = Episodes(**{**vars(played), "actions": played.actions.copy()})
+    changed = replace(played, actions=played.actions.copy())
     changed.actions[t:] = 3 - changed.actions[t:]
     after = trained.expected(changed)
     np.testing.assert_array_equal(after[: t + 1], expected[: t + 1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -159,7 +160,7 @@ def test_there_is_always_an_episode_to_train_on() -> None:
 def test_held_out_episodes_are_not_trained_on() -> None:
     lrwr, other = (LRWR(TMAZE, batch_size=30, patience=9, max_epochs=3, learning_rate=1e-4) for _ in range(2))
     episodes = lrwr.play_batch(30)
-    changed = Episodes(**{**vars(episodes), "actions": episodes.actions.copy()})
+    changed = replace(episodes, actions=episodes.actions.copy())
     changed.actions[:, 20:] = 1.0
     for algorithm, played in ((lrwr, episodes), (other, changed)):
         imitate(algorithm, played, np.arange(30) / 30)
