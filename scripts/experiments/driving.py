@@ -181,7 +181,7 @@ EXPERIMENTS = (
         title="Section 3.4.4: learning to steer a racing car",
         text="A run is a drive of half an hour up to 70 km/h in which the car learns as it goes and acts with all its "
         "noise; or one on which the speed goes on rising by 2 km/h a minute until the policy fails: a minute of which "
-        f"it spends {FAILED:g} s or more off the road. "
+        f"it spends {FAILED:g} s or more off the road, which a car that is put back sooner does later. "
         "With our settings a step pays the speed along the road, the less of it the nearer the edge is, and a car is "
         "put back after 0.3 s off it; with the thesis's it pays the speed, and it takes 5 s. *Clean* minutes and laps "
         "are those that did not leave the road, and minutes only if nine tenths of the way were got ahead along it, "
@@ -201,6 +201,7 @@ EXPERIMENTS = (
         "how soon steps shrink are of 24 seeds from 1000 on of the embedded track; some of the others are older, and "
         "chosen by seeds of the TORCS runs in the table, which is flattering. "
         "The rising drives have the first seeds of the half hours. "
+        "Wall times are of two machines, those of RPG with our settings of a slower one with other work beside. "
         "The figure has the last lap of the first run of the first line.",
         runs=10,
         statistic="mean",
