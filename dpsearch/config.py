@@ -113,7 +113,8 @@ class DrivingConfig(EnvConfig):
         start: "line" or "random".
         control_hz: Steps a second.
         stuck_seconds: Time off the road or standing after which an episode is over.
-        reward: What a step on the road pays: speed, or progress, the speed along the road.
+        reward: What a step on the road pays: speed; progress, the speed along the road; or centred, that times
+            1 - position^2.
     """
 
     speed_profile: Any = MISSING

@@ -16,7 +16,8 @@ speed that rises linearly from 10 km/h to 70 km/h in 30 minutes.
   does with its nose against a wall, for ``stuck_seconds`` on end is stuck: -1000 and the end of the episode. The thesis
   does not say when a car counts as stuck, nor whether penalties come on top of the speed; they do not here, so that
   nothing can be earned off the road. It is the speed wherever one goes: while the car is slow, circles within the road
-  pay as well as laps. With the option ``reward="progress"`` it is the speed along the road, which they do not have.
+  pay as well as laps. With the option ``reward="progress"`` it is the speed along the road, which they do not have;
+  with ``reward="centred"`` the share 1 - position^2 of that, so that there is something to lose before the edge.
 - *Afterwards* the car is put back on the road where it left it, and the speed goes on from where it was: the last
   ``info`` of an episode has ``carry_on``, the options with which the next ``reset`` does that.
 """
@@ -58,8 +59,9 @@ RAY_ANGLES: Final = tuple(math.radians(angle) for angle in range(-60, 61, 15))
 RAY_LENGTH: Final = 100.0
 """How far the rays see (m)."""
 STARTS: Final = ("line", "random")
-REWARDS: Final = ("speed", "progress")
-"""What a step on the road pays (km/h): the car's speed, or as much of it as leads along the road."""
+REWARDS: Final = ("speed", "progress", "centred")
+"""What a step on the road pays (km/h): the car's speed, as much of it as leads along the road, or that times
+1 - position^2."""
 
 
 class Scale(NamedTuple):
@@ -218,7 +220,7 @@ def driving_rules(
         start: "line" or "random".
         control_hz: Steps a second, from 10 to 200.
         stuck_seconds: Time off the road or standing after which the car is stuck, positive.
-        reward: "speed", or "progress" for the speed along the road.
+        reward: "speed", "progress" for the speed along the road, or "centred" for that times 1 - position^2.
 
     Raises:
         ValueError: If an argument is none of these.
@@ -315,7 +317,7 @@ class Referee:
             speed: After the step (km/h).
             position: On the road, in half widths from the middle.
             distance: Along the middle line (m), which begins anew with every lap.
-            progress: The speed along the road (km/h), needed if that is what is paid.
+            progress: The speed along the road (km/h), needed if that counts for what is paid.
 
         Returns:
             The reward, and whether the car is stuck.
@@ -335,7 +337,9 @@ class Referee:
             return STUCK_REWARD, True
         if self.off_road:
             return OFF_ROAD_REWARD, False
-        return (speed if progress is None else progress), False
+        if self.rules.reward == "speed" or progress is None:
+            return speed, False
+        return (progress * (1.0 - position**2) if self.rules.reward == "centred" else progress), False
 
     def info(self, speed: float, position: float) -> dict[str, Any]:
         """What the info of a step tells, besides the state: speed in km/h, position in half widths."""

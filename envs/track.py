@@ -128,7 +128,8 @@ class Track(KernelEnv):
         start: "line" for the start line, "random" for anywhere on the road.
         control_hz: Steps a second.
         stuck_seconds: Time off the road or standing after which the car is stuck and the episode over.
-        reward: Of a step on the road: "speed", or "progress" for the speed along the road.
+        reward: Of a step on the road: "speed", "progress" for the speed along the road, or "centred" for that times
+            1 - position^2.
         max_episode_steps: Steps after which an episode is cut off; 54,000, half an hour, by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 

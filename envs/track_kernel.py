@@ -21,6 +21,7 @@ from dpsearch.envs.driving import (
     OFF_ROAD_REWARD,
     PEDALS_START,
     RAY_ANGLES,
+    REWARDS,
     STANDING,
     STUCK_REWARD,
     Rules,
@@ -54,7 +55,7 @@ _SECONDS, _HALF_WIDTH, _LENGTH, _SPACING, _SPEED, _RISE, _RISE_STEPS, _BASE, _LO
 _SCALES: Final = 41  # mean and 1 / deviation of each observation
 _TABLES: Final = _SCALES + 2 * len(OBSERVATIONS)
 # In `ints`:
-_PEDALS, _SUBSTEPS, _STUCK, _RANDOM, _ALONG, _SAMPLES, _SEEN, _SEEN_NAMES = range(8)
+_PEDALS, _SUBSTEPS, _STUCK, _RANDOM, _PAYS, _SAMPLES, _SEEN, _SEEN_NAMES = range(8)
 # Of what there is to be seen:
 _SEE_SPEED, _SEE_STEERING, _SEE_POSITION, _SEE_LOOKAHEAD, _SEE_ANGLE, _SEE_CURVATURE, _SEE_RAYS, _SEE_TARGET = range(8)
 
@@ -113,7 +114,7 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
 def _judge(floats, ints, state, reward, terminated):  # type: ignore[no-untyped-def]
     """After a step: walls, laps, rewards and ends."""
     half_width, length, seconds = floats[_HALF_WIDTH], floats[_LENGTH], floats[_SECONDS]
-    along = ints[_ALONG] == 1
+    along, centred = ints[_PAYS] >= 1, ints[_PAYS] == 2
     wall, loss, stuck_steps = half_width + floats[_VERGE], floats[_WALL_LOSS], np.float64(ints[_STUCK])
     for i in range(LANES):
         n, p = state[OFFSET * LANES + i], state[ANGLE * LANES + i]
@@ -135,6 +136,7 @@ def _judge(floats, ints, state, reward, terminated):  # type: ignore[no-untyped-
         stuck_for = 0.0 if moves else state[STUCK_STEPS * LANES + i] + 1.0
         stuck = stuck_for >= stuck_steps
         pay = u * cos_p - v * sin_p if along else u
+        pay *= 1.0 - (n / half_width) ** 2 if centred else 1.0
         reward[i] = STUCK_REWARD if stuck else (KMH * pay if on_road else OFF_ROAD_REWARD)
         terminated[i] = stuck
         state[DISTANCE * LANES + i], state[OFFSET * LANES + i], state[ANGLE * LANES + i] = s, n, p
@@ -303,7 +305,7 @@ def pack(shape: Shape, width: float, car: Car, rules: Rules) -> EnvKernel:
     tables = [shape.x[around], shape.y[around], heading, shape.curvature[around], np.cos(heading), np.sin(heading)]
     names = [list(OBSERVATIONS).index(name) for name in rules.observations]
     numbers = [rules.profile is None, max(1, math.ceil(drive[0] / _SUBSTEP - 1e-9)), rules.stuck_steps]
-    numbers += [rules.start == "random", rules.reward == "progress", len(shape.x), len(names), *names]
+    numbers += [rules.start == "random", REWARDS.index(rules.reward), len(shape.x), len(names), *names]
     return EnvKernel(
         reset=reset,
         observe=observe,

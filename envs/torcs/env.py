@@ -66,7 +66,8 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         start: "line", or "random" for anywhere on the road.
         control_hz: Steps a second, from 10 to 200.
         stuck_seconds: Time off the road or standing after which the car is stuck.
-        reward: Of a step on the road: "speed", or "progress" for the speed along the road.
+        reward: Of a step on the road: "speed", "progress" for the speed along the road, or "centred" for that times
+            1 - position^2.
         max_episode_steps: Steps after which an episode is cut off; 54,000 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 
@@ -177,7 +178,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
             raise TorcsError(f"{error}; a reset starts it anew") from error
         position = 2.0 * state.to_middle / state.width
         progress = None
-        if self.rules.reward == "progress":
+        if self.rules.reward != "speed":
             progress = KMH * (state.speed * math.cos(state.angle) - state.slip * math.sin(state.angle))
         reward, self._stuck = referee.step(state.speed * KMH, position, _on_the_lap(state, simulator), progress)
         self._elapsed += 1

@@ -66,7 +66,7 @@ def test_observations_are_shifted_and_scaled_in_the_order_that_was_asked_for() -
         ({"control_hz": 5}, "control_hz must be from 10 to 200, got 5"),
         ({"stuck_seconds": 0}, "stuck_seconds must be finite and positive, got 0"),
         ({"stuck_seconds": math.inf}, "stuck_seconds must be"),
-        ({"reward": "laps"}, "reward must be one of speed, progress, got 'laps'"),
+        ({"reward": "laps"}, "reward must be one of speed, progress, centred, got 'laps'"),
     ],
 )
 def test_what_is_not_understood_is_refused(arguments: dict[str, Any], message: str) -> None:
@@ -116,6 +116,13 @@ def test_progress_is_paid_where_it_is_asked_for() -> None:
     referee.reset(0, 0.0)
     assert referee.step(50.0, 0.0, 1.0, -20.0) == (-20.0, False)
     assert referee.step(50.0, 2.0, 1.0, 20.0) == (-100.0, False)
+
+
+def test_a_step_near_the_edge_pays_less_of_the_progress_where_the_middle_is_wanted() -> None:
+    referee = Referee(driving_rules(reward="centred"), 1000.0)
+    referee.reset(0, 0.0)
+    paid = [referee.step(50.0, position, 1.0, 40.0)[0] for position in (0.0, 0.5, -0.5, 1.0, 1.1)]
+    assert paid == [40.0, 30.0, 30.0, 0.0, -100.0]
 
 
 def test_a_position_that_is_not_a_number_is_off_the_road() -> None:

@@ -106,7 +106,7 @@ def test_off_the_road_the_rays_see_nothing() -> None:
 # The rules
 
 
-@pytest.mark.parametrize("pays", ["speed", "progress"])
+@pytest.mark.parametrize("pays", ["speed", "progress", "centred"])
 def test_rewards_ends_laps_and_carrying_on_are_those_of_the_referee(pays: str) -> None:
     random = np.random.default_rng(1)
     env = Track(track=CIRCLE, speed_profile=(40, 50, 20), stuck_seconds=1.0, reward=pays, max_episode_steps=3000)
@@ -121,7 +121,7 @@ def test_rewards_ends_laps_and_carrying_on_are_those_of_the_referee(pays: str) -
             action = steer_ahead(observation, names, CAR) + (unsteady and random.normal(0, 0.4))
             observation, reward, terminated, truncated, info = env.step(np.array([action]))
             _, _, p, u, v, *_ = info["state"]
-            progress = KMH * (u * math.cos(p) - v * math.sin(p)) if pays == "progress" else None
+            progress = KMH * (u * math.cos(p) - v * math.sin(p)) if pays != "speed" else None
             expected = referee.step(info["speed"], info["position"], info["distance"], progress)
             assert reward == pytest.approx(expected[0])
             assert terminated == expected[1]
