@@ -22,9 +22,9 @@
 - *End:* in ``+``, with ``minus_ends=True`` also in ``-``, or after 100 steps.
 - *Optimum:* 0.762, or 0.698 with ``minus_ends=True``. Random actions earn -1.96, or -1.10.
 
-The thesis's numbers fit ``slips="any_way", minus_reward=-0.04``, although its text has the defaults: there random
-actions have a mean over episodes of the reward per step of 0.056, and the optimal policy, which earns 0.83, has 0.27;
-both are as printed. With the defaults it is -0.006 and 0.21.
+The thesis's numbers of random actions and of its best policies fit ``slips="any_way", minus_reward=-0.04``, although
+its text has the defaults: there random actions have a mean over episodes of the reward per step of 0.056, and the
+optimal policy, which earns 0.83, has 0.27; both are as printed. With the defaults it is -0.006 and 0.21.
 
 Sources: R. Parr and S. Russell, "Approximating optimal policies for partially observable stochastic domains", IJCAI
 1995; the thesis, section 6.3.4.
@@ -62,7 +62,13 @@ SLIPS = {
     "sideways": ((0.1, 0.8, 0.1, 0.0),) * 4,
     "any_way": ((0.115, 0.655, 0.115, 0.115),) * 2 + ((0.115, 0.745, 0.115, 0.025),) * 2,
 }
-"""For each action the probabilities of moving a quarter turn to the left of it, there, to the right, and back."""
+"""For each action the probabilities of moving a quarter turn to the left of it, there, to the right, and back.
+
+Any way: as the authors of the thesis once published the task. There each rival of an action takes its place with
+probability 0.1, and then any action does with 0.1. Rivals were to be all but the opposite direction, it seems, but by a
+slip of operator precedence none is left out for north and east. So 0.655 is 0.9 * 0.7 + 0.1 / 4, and 0.115 is 0.9 * 0.1
++ 0.1 / 4.
+"""
 STEP, MINUS_REWARD = -0.04, -1.0
 LIMIT = 100
 
@@ -90,7 +96,7 @@ def maze4x3_pomdp(
     """
     if not isinstance(minus_ends, bool):
         raise ValueError(f"minus_ends must be True or False, got {minus_ends!r}")
-    if slips not in SLIPS:
+    if slips not in tuple(SLIPS):
         raise ValueError(f"slips must be one of {', '.join(SLIPS)}, got {slips!r}")
     if isinstance(minus_reward, bool) or not isinstance(minus_reward, int | float) or not math.isfinite(minus_reward):
         raise ValueError(f"minus_reward must be a finite number, got {minus_reward!r}")

@@ -18,6 +18,7 @@ from typing_extensions import override
 from dpsearch.rollout import Episodes
 
 Counted = NDArray[np.bool_] | None
+"""``(T, N)``, False for steps that a baseline is not to learn from; all that were played if None."""
 
 
 class Baseline(ABC):
@@ -72,8 +73,9 @@ class ConstantBaseline(Baseline):
         self, episodes: Episodes, features: Tensor, returns: NDArray[np.float32], counted: Counted = None
     ) -> tuple[float, None]:
         mean = self.expected(episodes, features)
-        self._totals.extend(returns.sum(0, dtype=np.float64).tolist())
-        self._lengths.extend(episodes.lengths.tolist())
+        learned = returns if counted is None else returns * counted
+        self._totals.extend(learned.sum(0, dtype=np.float64).tolist())
+        self._lengths.extend((episodes.lengths if counted is None else counted.sum(0)).tolist())
         return mean, None
 
     @override

@@ -281,7 +281,7 @@ class RPG(Algorithm[RPGConfig]):
         return pieces
 
     def backpropagate(self, episodes: Episodes) -> Metrics:
-        """Add minus section 3.3.2's gradient to the parameters' ``grad``, or set it to minus the natural step.
+        """Make minus section 3.3.2's gradient, or minus the natural step, the parameters' ``grad``, None before.
 
         The baseline learns from the episodes, and ``progress`` notes their returns.
 

@@ -50,7 +50,7 @@ def run_in_buckets(run: Callable[[Tensor], Tensor], inputs: Tensor, lengths: NDA
     Returns:
         ``(T, B, H)``; beyond an episode's end either zero or what the core makes of the padding.
     """
-    if lengths.sum() == len(inputs) * len(lengths):
+    if lengths.sum() == len(inputs) * len(lengths):  # all alike: short batches are spared the look for groups
         return run(inputs)
     groups = buckets(lengths)
     if len(groups) == 1:

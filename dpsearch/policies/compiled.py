@@ -73,13 +73,16 @@ class CompiledPolicy:
     def pack(self, weights: NDArray[np.float64], greedy: bool) -> NDArray[Any]:
         """Weights ``(.., P)`` of ``RecurrentPolicy.vector()``'s layout, in the order that ``forward`` reads them.
 
-        Those of one policy ``(P,)`` that samples its actions are float32: what it is trained in, and twice as fast. Of
-        candidates, and of who acts greedily, they are float64: whether a pole stays up for 100,000 steps can depend on
-        the last digit, and a candidate that was found to do it must do it again as the policy that it becomes.
+        Those of one policy ``(P,)`` whose actions are random are float32: what it is trained in, and twice as fast. Of
+        candidates, and where actions are not random, they are float64: whether a pole stays up for 100,000 steps can
+        depend on the last digit, and a candidate that was found to do it must do it again as the policy it becomes.
         """
-        precision = np.float64 if greedy or weights.ndim > 1 else np.float32
+        random = self.draws > 0 and not greedy
         constants = np.broadcast_to(self.constants, (*weights.shape[:-1], 3)) if weights.ndim > 1 else self.constants
-        return np.concatenate((weights, constants), axis=-1, dtype=precision).take(self.order, axis=-1)
+        packed = np.concatenate(
+            (weights, constants), axis=-1, dtype=np.float32 if random and weights.ndim == 1 else np.float64
+        )
+        return packed.take(self.order, axis=-1)
 
 
 @njit(inline="always")

@@ -16,7 +16,7 @@ BLOCK = 128
 """Steps at a time: what is computed of them stays in the nearest cache."""
 _F32 = np.float32
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
-_WORKING_ROWS = 6  # of ``_weigh``, besides one an output
+_WORKING_ROWS = 7  # of ``_weigh``, besides one an output
 
 
 @njit(inline="always")
@@ -26,7 +26,8 @@ def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entro
     ``(a_i - p_i)`` times the step's weight, for each group of ``sizes[i]`` outputs (section 3.4.2), and the derivatives
     of the entropy, ``-p_i (log p_i + entropy)``, times the step's bonus.
     """
-    weight, extra, largest, total, mean, spread = working[0], working[1], working[2], working[3], working[4], working[5]
+    weight, extra, largest, total = working[0], working[1], working[2], working[3]
+    mean, spread, taken = working[4], working[5], working[6]
     logits = working[_WORKING_ROWS:]
     for m in range(count):
         weight[m] = weights[first + m]
@@ -36,6 +37,7 @@ def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entro
     for i in range(len(sizes)):
         group = outputs[row : row + sizes[i]]
         for m in range(count):
+            taken[m] = actions[first + m, i]
             largest[m] = group[0, m]
             total[m] = _ZERO
             mean[m] = _ZERO
@@ -57,9 +59,8 @@ def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entro
         for k in range(len(group)):
             for m in range(count):
                 slope = weight[m] + extra[m] * (logits[row + k, m] - mean[m])
-                group[k, m] *= -total[m] * slope
-        for m in range(count):
-            group[np.int64(actions[first + m, i]), m] += weight[m]
+                chosen = weight[m] if taken[m] == k else _ZERO
+                group[k, m] = chosen - group[k, m] * total[m] * slope
         row += sizes[i]
     for m in range(count):
         entropy[first + m] = spread[m]

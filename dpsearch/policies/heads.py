@@ -212,7 +212,9 @@ class Categorical(Head):
         weights: NDArray[np.float32],
         bonus: NDArray[np.float32] | None = None,
     ) -> tuple[Tensor, NDArray[np.float32]]:
-        """``eligibilities``, backpropagated through the linear layer that makes the outputs, several times faster.
+        """``eligibilities``, backpropagated through the linear layer that makes the outputs, in one compiled pass.
+
+        All arrays are float32 and C-contiguous.
 
         Args:
             layer: Its weights ``(K, H)``, from H features to the K outputs, and its bias ``(K,)``, if it has one; their

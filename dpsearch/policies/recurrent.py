@@ -145,7 +145,7 @@ class RecurrentPolicy(nn.Module):
         # found once: they are asked for at every update
         self._free = [p for p in self.parameters() if p.requires_grad]
         self._core_weights: list[Tensor] = list(self.core.parameters())
-        self.readout_layer = self.readout.weight, self.readout.bias if bias else None
+        self.readout_layer = self.readout.weight, self.readout.bias if bias else None  # as ``Categorical`` takes it
         self.initialise(seed)
 
     @classmethod

@@ -67,12 +67,12 @@ class LaneActor:
             self._weights[block, :, lane] = self._population[candidates]
 
     @property
-    def memory(self) -> NDArray[np.float64]:
+    def memory(self) -> NDArray[np.floating]:
         """The recurrent state of every lane, a copy ``(L, state_size)``."""
-        memory: NDArray[np.float64] = self._hidden.swapaxes(1, 2).reshape(len(self._padded), -1)[: self._lanes].copy()
+        memory: NDArray[np.floating] = self._hidden.swapaxes(1, 2).reshape(len(self._padded), -1)[: self._lanes].copy()
         return memory
 
-    def resume(self, memory: NDArray[np.float64], time: int) -> None:
+    def resume(self, memory: NDArray[np.floating], time: int) -> None:
         """Go on in the middle of episodes.
 
         Args:

@@ -31,6 +31,13 @@ from dpsearch.rollout.episodes import Episodes, clear_padding
 from dpsearch.rollout.lanes import play
 from dpsearch.rollout.protocol import check_fit, check_population
 
+# By dimensions and precision of the weights: ``play`` calls what is at an address as its weights say.
+_FORWARD = {
+    (1, np.dtype(np.float32)): FORWARD_SINGLE,
+    (1, np.dtype(np.float64)): FORWARD_SHARED,
+    (2, np.dtype(np.float64)): FORWARD_LANES,
+}
+
 
 @dataclass
 class CompiledRollouts:
@@ -139,7 +146,7 @@ class CompiledRollouts:
         kernel, compiled = self.kernel, policy.compiled()
         check_fit(policy, kernel.observation_size, kernel.action_size)
         weights = compiled.pack(weights, greedy)
-        agent = _agent(compiled, greedy, weights.ndim == 1)
+        agent = _agent(compiled, greedy, weights.ndim, weights.dtype)
         queue = np.zeros(1, np.int64)
         jobs = (np.uint64(key), episodes, candidates, self.max_steps, queue)
         n, steps = len(episodes), self.max_steps if record else 0  # memory costs nothing until it is written
@@ -164,7 +171,7 @@ class CompiledRollouts:
 
 
 @cache
-def _agent(compiled: CompiledPolicy, greedy: bool, shared: bool) -> tuple[Any, Any, Any, Any]:
+def _agent(compiled: CompiledPolicy, greedy: bool, ndim: int, precision: np.dtype[Any]) -> tuple[Any, Any, Any, Any]:
     """What ``play`` needs to know of a policy; remembered, as gathering it takes longer than a short episode."""
     rows = [
         compiled.hidden_rows,
@@ -172,10 +179,9 @@ def _agent(compiled: CompiledPolicy, greedy: bool, shared: bool) -> tuple[Any, A
         compiled.n_outputs,
         0 if greedy else noise_rows(compiled.draws),
     ]
-    forward = FORWARD_LANES if not shared else FORWARD_SHARED if greedy else FORWARD_SINGLE
     choose = compiled.mode if greedy else compiled.sample
     return (
-        np.array([address_of(compiled.forward, forward), address_of(choose, SAMPLE)]),
+        np.array([address_of(compiled.forward, _FORWARD[ndim, precision]), address_of(choose, SAMPLE)]),
         compiled.sizes,
         compiled.head_sizes,
         np.array(rows),

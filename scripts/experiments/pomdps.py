@@ -228,7 +228,8 @@ WORDS = (
     "and optimal for the discounted return, for who sees what the agent sees and for who sees the state. Where the "
     "thesis's numbers fit another task than its text describes, both are here: a tiger that ends the "
     "episode, a 4x3 maze in which the agent may slip any way and `-` costs no more than any step, a cheese maze "
-    "entered anywhere in which bumps cost nothing, and T-mazes in which either turn is paid."
+    "entered anywhere in which bumps cost nothing, and T-mazes in which either turn is paid. "
+    "Core-seconds in the 4x3 maze with slips any way are of a busy Intel Xeon, others of an AMD EPYC."
 )
 
 

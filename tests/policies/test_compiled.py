@@ -100,13 +100,15 @@ def test_in_single_precision_the_module_agrees_to_its_rounding(
     np.testing.assert_allclose(outputs, run_torch(policy, weights, observations), rtol=1e-5, atol=1e-5)
 
 
-def test_only_one_policy_that_samples_plays_in_single_precision() -> None:
+def test_only_one_policy_whose_actions_are_random_plays_in_single_precision() -> None:
     policy = RecurrentPolicy(3, Categorical([4]))
     compiled, vector = policy.compiled(), policy.vector()
     assert compiled.pack(vector, greedy=False).dtype == np.float32
     assert compiled.pack(vector, greedy=True).dtype == np.float64
     assert compiled.pack(vector[None], greedy=False).dtype == np.float64
     np.testing.assert_array_equal(compiled.pack(vector, greedy=False), compiled.pack(vector, greedy=True))
+    steady = RecurrentPolicy(3, Deterministic(1))  # whose actions are not random, whether greedy or not
+    assert steady.compiled().pack(steady.vector(), greedy=False).dtype == np.float64
 
 
 @pytest.mark.parametrize("core", CORES)

@@ -108,6 +108,12 @@ def test_backpropagating_through_a_layer_is_what_autograd_makes_of_it(
         torch.testing.assert_close(torch.from_numpy(entropy), head.entropy(outputs.detach()), rtol=1e-5, atol=1e-5)
 
 
+def test_actions_that_there_are_not_are_none_of_the_choices() -> None:
+    for action in (-1.0, 2.0, np.nan):
+        found, _ = Categorical([2]).eligibilities(torch.zeros(1, 2), torch.full((1, 1), action), torch.ones(1))
+        assert found.tolist() == [[-0.5, -0.5]]
+
+
 def test_a_layer_that_does_not_learn_gets_no_gradient() -> None:
     head, layer = Categorical([2]), torch.nn.Linear(2, 2)
     layer.requires_grad_(False)

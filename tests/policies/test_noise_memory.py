@@ -89,7 +89,9 @@ def test_candidates_of_a_population_have_noise_of_their_own() -> None:
     rollouts = make_rollouts(POLES, max_episode_steps=30)
     population = np.random.default_rng(0).normal(size=(6, len(network.vector()))).astype(np.float32).astype(float)
     returns, _ = rollouts.evaluate(network, population, key=2, episodes=[[3, 4]] * 6)
-    for weights, row in zip(population, returns, strict=True):
+    for weights, row in zip(
+        population, returns, strict=True
+    ):  # one by one in single precision: no return depends on it
         network.load_vector(weights)
         np.testing.assert_array_equal(rollouts.collect(network, 2, key=2, first_episode=3).returns, row)
 

@@ -68,7 +68,9 @@ def test_candidates_of_a_population_see_their_own_actions() -> None:
     rollouts = make_rollouts(MAZE)
     population = np.random.default_rng(0).normal(size=(6, len(echo.vector()))).astype(np.float32).astype(float)
     returns, _ = rollouts.evaluate(echo, population, key=2, episodes=[[3, 4]] * 6)
-    for weights, row in zip(population, returns, strict=True):
+    for weights, row in zip(
+        population, returns, strict=True
+    ):  # one by one in single precision: no return depends on it
         echo.load_vector(weights)
         np.testing.assert_array_equal(rollouts.collect(echo, 2, key=2, first_episode=3).returns, row)
 
