@@ -88,13 +88,10 @@ class EnvKernel:
 
 @cache
 def address_of(function: Compiled, signature: Any) -> int:
-    """Where a compiled function is, for ``function_at``. It stays there: what is cached holds on to it."""
-    return _library_of(function, signature).__wrapper_address__()
-
-
-@cache
-def _library_of(function: Compiled, signature: Any) -> CompileResultWAP:
-    return CompileResultWAP(function.get_compile_result(signature))  # type: ignore[attr-defined]
+    """Where a compiled function is, for ``function_at``. It stays there, as the cache holds on to the function."""
+    compiled = function.get_compile_result(signature)  # type: ignore[attr-defined]
+    address: int = CompileResultWAP(compiled).__wrapper_address__()
+    return address
 
 
 def function_at(signature: Any) -> Compiled:

@@ -98,7 +98,7 @@ class Stream:
         self._options: dict[str, Any] | None = None  # of its reset
         self._actions: list[NDArray[np.float64]] = []  # since then
         self._observation = np.zeros(rollouts.observation_size, np.float32)
-        self._memory: NDArray[np.float64] | None = None  # None: an episode begins
+        self._memory: NDArray[np.floating] | None = None  # None: an episode begins
         self._return = 0.0
 
     def play(self, policy: RecurrentPolicy, steps: int) -> Pieces:
@@ -220,7 +220,7 @@ def _cut(
     ends: list[int],
     terminated: list[bool],
     following: dict[int, NDArray[np.float32]],
-    memories: list[NDArray[np.float64]],
+    memories: list[NDArray[np.floating]],
     finished: list[float],
     begins: bool,
 ) -> Pieces:
