@@ -13,7 +13,7 @@ from scipy import stats
 
 from dpsearch.kernels import activations
 from dpsearch.kernels.elementary import arctan2, exp, log, sigmoid, sincos, tanh
-from dpsearch.kernels.lanes import FLOATS, INTS, LANES, ROWS, address_of, fetch_add, function_at, noise_rows
+from dpsearch.kernels.lanes import FLOATS, INTS, LANES, ROWS, WIDTH, address_of, fetch_add, function_at, noise_rows
 from dpsearch.kernels.matvec import matvec
 from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw, episode_seeds, philox4x32, stream_key
 
@@ -290,8 +290,8 @@ def test_activations_in_double_precision_are_the_elementary_functions() -> None:
 
 
 @njit  # type: ignore[untyped-decorator, unused-ignore]
-def _matvec(weights, offset, rows, columns, x, output):  # type: ignore[no-untyped-def]
-    matvec(weights, offset, rows, columns, x, output)
+def _matvec(weights, offset, rows, columns, x, output, lanes=LANES):  # type: ignore[no-untyped-def]
+    matvec(weights, offset, rows, columns, x, output, lanes)
 
 
 @pytest.mark.parametrize("shared", [True, False])
@@ -322,6 +322,22 @@ def test_matvec_fuses_each_product_with_its_sum_in_the_order_of_the_columns() ->
                 product = Fraction(weights[row * columns + column]) * Fraction(x[column, lane])
                 total = float(product + Fraction(total))  # rounded once
             assert output[row, lane] == total
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("lanes", range(WIDTH, LANES, WIDTH))
+def test_matvec_of_fewer_lanes_gives_the_same_and_touches_no_others(lanes: int, shared: bool) -> None:
+    random = np.random.default_rng(lanes)
+    rows, columns = 7, 5
+    weights = random.normal(size=rows * columns if shared else (rows * columns, LANES))
+    x = random.normal(size=(columns, LANES))
+    every, some, packed = np.zeros((rows, LANES)), np.zeros((rows, LANES)), np.zeros(rows * LANES)
+    _matvec(weights, 0, rows, columns, x, every)
+    _matvec(weights, 0, rows, columns, x, some, lanes)
+    np.testing.assert_array_equal(some[:, :lanes], every[:, :lanes])
+    assert (some[:, lanes:] == 0.0).all()
+    _matvec(weights, 0, rows, columns, x, packed, lanes)  # into one row, without gaps
+    np.testing.assert_array_equal(packed[: rows * lanes].reshape(rows, lanes), every[:, :lanes])
 
 
 @pytest.mark.parametrize("written", ["float32", "float64"])

@@ -210,12 +210,13 @@ class Algorithm(ABC, Generic[ConfigT]):
             FloatingPointError: If the environment paid a reward that is not finite.
         """
         episodes = self.rollouts.collect(self.policy, n_episodes, key=self.training_key, first_episode=self.episodes)
-        if not math.isfinite(episodes.returns.sum()) and not np.isfinite(episodes.returns).all():
+        returns = episodes.returns.tolist()
+        if not math.isfinite(sum(returns)) and not np.isfinite(episodes.returns).all():
             worst = self.episodes + int(np.argmin(np.isfinite(episodes.returns)))
             raise FloatingPointError(f"the environment paid a reward that is NaN or infinite in episode {worst}")
         self.episodes += n_episodes
         self.env_steps += episodes.steps
-        self.recent_returns.extend(episodes.returns.tolist())
+        self.recent_returns.extend(returns)
         return episodes
 
     def check_solved(self) -> bool:

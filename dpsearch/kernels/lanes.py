@@ -25,6 +25,9 @@ from numpy.typing import NDArray
 LANES = 24
 """Episodes in a block: three AVX-512 registers of doubles, to hide latency, and little waste with batches of 20."""
 
+WIDTH = 8
+"""Lanes that a policy's forward pass works on at a time: where few episodes are left, it leaves out the rest."""
+
 FASTMATH = {"contract", "nsz", "arcp"}
 """Freedom for the compiler that keeps infinities and NaN meaningful and never reorders a sum."""
 
@@ -43,13 +46,16 @@ OBSERVE = types.void(FLOATS, INTS, ROWS, ROWS)
 STEP = types.void(FLOATS, INTS, ROWS, ROWS, ROWS, FLOATS, types.boolean[::1])
 """``step(floats, ints, noise, action, state, reward, terminated)``: moves every lane on by one step."""
 
-FORWARD_SHARED = types.void(INTS, FLOATS, ROWS, ROWS, ROWS, ROWS)
-"""``forward(sizes, weights, observation, hidden, scratch, output)`` with one weight vector ``(P,)`` for all lanes."""
+FORWARD_SHARED = types.void(INTS, FLOATS, ROWS, ROWS, ROWS, ROWS, types.int64)
+"""``forward(sizes, weights, observation, hidden, scratch, output, lanes)`` with one weight vector ``(P,)`` for all.
 
-FORWARD_LANES = types.void(INTS, ROWS, ROWS, ROWS, ROWS, ROWS)
+Only the first lanes count, as many as said, a multiple of ``WIDTH``; what is hidden in the others may stay as it was.
+"""
+
+FORWARD_LANES = types.void(INTS, ROWS, ROWS, ROWS, ROWS, ROWS, types.int64)
 """The same with weights ``(P, LANES)``: every lane its own candidate."""
 
-FORWARD_SINGLE = types.void(INTS, SINGLES, ROWS, SINGLE_ROWS, SINGLE_ROWS, ROWS)
+FORWARD_SINGLE = types.void(INTS, SINGLES, ROWS, SINGLE_ROWS, SINGLE_ROWS, ROWS, types.int64)
 """``FORWARD_SHARED`` in single precision: weights, what is hidden and scratch are float32."""
 
 SAMPLE = types.void(INTS, ROWS, ROWS, ROWS)

@@ -62,7 +62,7 @@ def normal_equations(points, targets, gram, right):  # type: ignore[no-untyped-d
             for k in range(n):
                 columns[k, lane] = column[k]
         highest = first[min(start + width, p) - 1]
-        matvec(weights, 0, _at(highest, highest) + 1, n, columns, sums)
+        matvec(weights, 0, _at(highest, highest) + 1, n, columns, sums, LANES)
         for q in range(start, min(start + width, p)):
             c, d = first[q], second[q]
             for b in range(c + 1):

@@ -144,6 +144,8 @@ class RecurrentPolicy(nn.Module):
             nn.init.eye_(self.readout.weight)
         # found once: they are asked for at every update
         self._free = [p for p in self.parameters() if p.requires_grad]
+        self._places: list[int] = []  # where the free parameters were when they were last looked at through _views
+        self._views: list[NDArray[Any]] = []
         self._core_weights: list[Tensor] = list(self.core.parameters())
         self.readout_layer = self.readout.weight, self.readout.bias if bias else None  # as ``Categorical`` takes it
         self.initialise(seed)
@@ -350,8 +352,10 @@ class RecurrentPolicy(nn.Module):
 
     def vector(self) -> NDArray[np.float64]:
         """The free parameters as one flat copy ``(P,)``."""
-        parts = [p.numpy(force=True) for p in self._free]
-        return np.concatenate(parts, axis=None, dtype=np.float64)
+        places = [p.data_ptr() for p in self._free]
+        if places != self._places:  # to make a view of a tensor takes as long as to copy it
+            self._places, self._views = places, [p.numpy(force=True) for p in self._free]
+        return np.concatenate(self._views, axis=None, dtype=np.float64)
 
     def load_vector(self, vector: NDArray[np.floating]) -> None:
         """Set the free parameters from a flat vector ``(P,)``, the inverse of ``vector()``.

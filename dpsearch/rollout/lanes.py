@@ -28,6 +28,7 @@ from dpsearch.kernels.lanes import (
     SINGLE_ROWS,
     SINGLES,
     STEP,
+    WIDTH,
     fetch_add,
     function_at,
 )
@@ -66,6 +67,21 @@ def _load_by_layout(weights, population, candidate, lane):  # type: ignore[no-un
             weights[i, lane] = population[candidate, i]
 
     return shared if weights.ndim == 1 else per_lane
+
+
+@njit(inline="always")
+def _close_up(job, episode, time, total, state, hidden, weights, population, candidates, fewer, lanes):  # type: ignore[no-untyped-def]
+    """Moves what is played in the last lanes to where nothing is, so that fewer lanes hold it all."""
+    free = 0
+    for lane in range(fewer, lanes):
+        if job[lane] != _IDLE:
+            while job[free] != _IDLE:
+                free += 1
+            job[free], episode[free], time[free], total[free] = job[lane], episode[lane], time[lane], total[lane]
+            state[:, free] = state[:, lane]
+            hidden[:, free] = hidden[:, lane]
+            _load(weights, population, candidates[job[free]], free)  # type: ignore[no-untyped-call]
+            job[lane] = _IDLE
 
 
 def _signature(weights: Any, population: Any) -> Any:
@@ -125,7 +141,7 @@ def play(  # type: ignore[no-untyped-def]
     total = np.zeros(LANES)
     record = rewards.shape[0] > 0
     n_jobs = episodes.shape[0]
-    busy = 0
+    busy, lanes = 0, LANES  # those beyond are idle for good
     exhausted = False
     while True:
         if busy < LANES and not exhausted:
@@ -147,16 +163,20 @@ def play(  # type: ignore[no-untyped-def]
                     reset(floats, ints, env_noise, lane, state)
         if busy == 0:
             return
+        if busy <= lanes - WIDTH:  # nothing is left to fill them with
+            fewer = WIDTH * ((busy + WIDTH - 1) // WIDTH)
+            _close_up(job, episode, time, total, state, hidden, weights, population, candidates, fewer, lanes)
+            lanes = fewer
         observe(floats, ints, state, observation)
-        forward(policy_sizes, weights, observation, hidden, scratch, output)
+        forward(policy_sizes, weights, observation, hidden, scratch, output, lanes)
         draw(key, episode, time, ACTION, action_noise)
         sample(head_sizes, action_noise, output, action)
         remember_action(policy_sizes, head_sizes, output, action, hidden)
-        for lane in range(LANES):
+        for lane in range(lanes):
             time[lane] += 1
         draw(key, episode, time, ENVIRONMENT, env_noise)
         step(floats, ints, env_noise, action, state, reward, ended)
-        for lane in range(LANES):
+        for lane in range(lanes):
             if job[lane] == _IDLE:
                 continue
             total[lane] += reward[lane]

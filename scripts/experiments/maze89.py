@@ -42,15 +42,22 @@ TASK = "89-state maze"
 
 BEST = Method("rpg_best", "RPG, best setting", ("experiment=maze89_best",))
 THESIS = Method("rpg_thesis", "RPG as in the thesis, history baseline", ("experiment=maze89_thesis",))
-ACTION = Method(
-    "rpg_action",
-    "RPG as in the thesis, history baseline, previous action as an input",
-    (*THESIS.overrides, "policy.previous_action=true"),
+CONSTANT_BASELINE = ("algo.baseline=constant", "algo.baseline_episodes=1000")
+CONSTANT = Method("rpg_constant", "RPG as in the thesis, constant baseline", (*THESIS.overrides, *CONSTANT_BASELINE))
+TWENTY = Method(
+    "rpg_twenty",
+    "RPG, batches of 20 without momentum, history baseline",
+    (*THESIS.overrides, "algo.batch_size=20", "algo.learning_rate=1.0", "~algo.optimizer_options.momentum"),
 )
-CONSTANT = Method(
-    "rpg_constant",
-    "RPG as in the thesis, constant baseline",
-    (*THESIS.overrides, "algo.baseline=constant", "algo.baseline_episodes=1000"),
+TWENTY_ACTION = Method(
+    "rpg_action",
+    "RPG, batches of 20 without momentum, history baseline, previous action as an input",
+    (*TWENTY.overrides, "policy.previous_action=true"),
+)
+TWENTY_CONSTANT = Method(
+    "rpg_twenty_constant",
+    "RPG, batches of 20 without momentum, constant baseline",
+    (*TWENTY.overrides, *CONSTANT_BASELINE),
 )
 STANDARD = Method(
     "rpg_standard",
@@ -59,7 +66,6 @@ STANDARD = Method(
         *THESIS.overrides,
         "algo.batch_size=10",
         "algo.learning_rate=0.01",
-        "algo.optimizer_options={momentum: 0.9}",
         "algo.gradient_length=null",
         "algo.baseline_optimizer=SGD",
         "algo.baseline_optimizer_options={momentum: 0.9}",
@@ -69,7 +75,10 @@ STANDARD = Method(
 SEARCH = ("env=maze89", "algo.episodes_per_fitness=250", "total_steps=30_000_000", "until_solved=false")
 NES = Method("nes", "NES", ("algo=nes", "algo.patience=null", *SEARCH))
 FEM = Method("fem", "FEM", ("algo=fem", *SEARCH))
-LEARNED = {method.name: method for method in (BEST, THESIS, ACTION, CONSTANT, STANDARD, NES, FEM)}
+LEARNED = {
+    method.name: method
+    for method in (BEST, THESIS, CONSTANT, TWENTY, TWENTY_ACTION, TWENTY_CONSTANT, STANDARD, NES, FEM)
+}
 
 SHORT = (*BEST.overrides, "total_steps=6_000_000")
 ABLATIONS = {

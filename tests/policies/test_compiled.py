@@ -5,7 +5,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import LANES, noise_rows
+from dpsearch.kernels.lanes import LANES, WIDTH, noise_rows
 from dpsearch.policies import Categorical, Deterministic, Gaussian, Head, RecurrentPolicy
 from dpsearch.policies.compiled import compiled_policy
 from dpsearch.policies.recurrent import Core
@@ -20,7 +20,11 @@ def random_weights(policy: RecurrentPolicy, seed: int, n: int = LANES) -> NDArra
 
 
 def run_compiled(
-    policy: RecurrentPolicy, weights: NDArray[np.float64], observations: NDArray[np.float64], greedy: bool = True
+    policy: RecurrentPolicy,
+    weights: NDArray[np.float64],
+    observations: NDArray[np.float64],
+    greedy: bool = True,
+    lanes: int = LANES,
 ) -> Iterator[NDArray[np.float64]]:
     """The outputs (LANES, n_outputs) at each step, for observations (T, LANES, O)."""
     compiled = policy.compiled()
@@ -31,7 +35,7 @@ def run_compiled(
     output = np.full((compiled.n_outputs, LANES), np.nan)
     for observation in observations:
         rows = np.ascontiguousarray(observation.T)
-        compiled.forward(compiled.sizes, packed, rows, hidden, scratch, output)
+        compiled.forward(compiled.sizes, packed, rows, hidden, scratch, output, lanes)
         yield output.T.copy()
 
 
@@ -119,6 +123,19 @@ def test_shared_weights_and_lanes_with_equal_weights_agree_bit_for_bit(core: Cor
     shared = run_compiled(policy, weights, observations)
     lanes = run_compiled(policy, np.repeat(weights[:, None], LANES, axis=1), observations)
     np.testing.assert_array_equal(list(shared), list(lanes))
+
+
+@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("precision", ["single", "double", "own weights"])
+def test_fewer_lanes_come_to_the_same_bit_for_bit(core: Core, precision: str) -> None:
+    policy = RecurrentPolicy(3, Categorical([4]), core=core, previous_action=True, hidden_size=5)
+    observations = np.random.default_rng(9).normal(size=(STEPS, LANES, 3))
+    population = random_weights(policy, seed=10)
+    weights = np.ascontiguousarray(population.T) if precision == "own weights" else population[0]
+    every = np.stack(list(run_compiled(policy, weights, observations, precision != "single")))
+    for lanes in range(WIDTH, LANES, WIDTH):
+        some = np.stack(list(run_compiled(policy, weights, observations, precision != "single", lanes)))
+        np.testing.assert_array_equal(some[:, :lanes], every[:, :lanes])
 
 
 def choose(head: Head, outputs: NDArray[np.float64], uniforms: NDArray[np.float64] | None) -> NDArray[np.float64]:
