@@ -22,18 +22,12 @@ _BLOCKS = types.float64[:, :, ::1]
 
 @njit(types.void(_NUMBERS, _NUMBERS, INTS, types.boolean[::1], _BLOCKS), cache=True, nogil=True)
 def _draw(keys, episodes, steps, chosen, noise):  # type: ignore[no-untyped-def]
-    """Fills the noise (blocks, rows, LANES) of the chosen environments.
-
-    The generator serves a block with one key. Here each lane has its own, so it takes one call a lane.
-    """
-    scratch = np.empty((noise.shape[1], LANES))
-    episode, step = np.empty(LANES, np.uint64), np.empty(LANES, np.int64)
+    """Fills the noise (blocks, rows, LANES) of the chosen environments, each of which has a key of its own."""
+    drawn = np.empty((noise.shape[1], 1))
     for i in range(len(keys)):
         if chosen[i]:
-            episode[:] = episodes[i]
-            step[:] = steps[i]
-            draw(keys[i], episode, step, ENVIRONMENT, scratch)
-            noise[i // LANES, :, i % LANES] = scratch[:, i % LANES]
+            draw(keys[i], episodes[i : i + 1], steps[i : i + 1], ENVIRONMENT, drawn, 1)
+            noise[i // LANES, :, i % LANES] = drawn[:, 0]
 
 
 class LaneStepper:

@@ -36,14 +36,17 @@ def compiled_philox(counters: Any, keys: Any) -> list[list[int]]:
     return [[int(word) for word in row] for row in words]
 
 
-def uniforms(key: int, episodes: Any, steps: Any, purpose: int = ENVIRONMENT, rows: int = 4) -> NDArray[np.float64]:
-    noise = np.empty((rows, LANES))
+def uniforms(
+    key: int, episodes: Any, steps: Any, purpose: int = ENVIRONMENT, rows: int = 4, lanes: int = LANES
+) -> NDArray[np.float64]:
+    noise = np.zeros((rows, LANES))
     draw(
         np.uint64(key),
         np.full(LANES, episodes, np.uint64),
         np.full(LANES, steps, np.int64),
         purpose,
         noise,
+        lanes,
     )
     return noise
 
@@ -96,6 +99,13 @@ def test_a_draw_is_a_function_of_key_episode_step_and_purpose(purpose: int) -> N
 def test_a_draw_does_not_depend_on_the_lane() -> None:
     noise = uniforms(7, 123456789, 42)
     assert (noise == noise[:, :1]).all()
+
+
+@pytest.mark.parametrize("lanes", [1, WIDTH, WIDTH + 3])
+def test_a_draw_for_fewer_lanes_gives_the_same_and_touches_no_others(lanes: int) -> None:
+    every, some = uniforms(7, np.arange(LANES), 42), uniforms(7, np.arange(LANES), 42, lanes=lanes)
+    np.testing.assert_array_equal(some[:, :lanes], every[:, :lanes])
+    assert (some[:, lanes:] == 0.0).all()
 
 
 def test_draws_are_strictly_between_zero_and_one() -> None:

@@ -58,8 +58,8 @@ FORWARD_LANES = types.void(INTS, ROWS, ROWS, ROWS, ROWS, ROWS, types.int64)
 FORWARD_SINGLE = types.void(INTS, SINGLES, ROWS, SINGLE_ROWS, SINGLE_ROWS, ROWS, types.int64)
 """``FORWARD_SHARED`` in single precision: weights, what is hidden and scratch are float32."""
 
-SAMPLE = types.void(INTS, ROWS, ROWS, ROWS)
-"""``sample(sizes, noise, output, action)``: turns the outputs of a policy into actions."""
+SAMPLE = types.void(INTS, ROWS, ROWS, ROWS, types.int64)
+"""``sample(sizes, noise, output, action, lanes)``: turns the outputs of a policy into actions, in the first lanes."""
 
 Compiled = Callable[..., Any]
 

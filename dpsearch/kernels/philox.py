@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import LANES, ROWS
+from dpsearch.kernels.lanes import ROWS
 
 ENVIRONMENT: Final = 0
 """Purpose of a draw: start states, transitions, observation noise."""
@@ -51,13 +51,13 @@ def philox4x32(counters, keys, words):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    types.void(types.uint64, _U64, types.int64[::1], types.int64, ROWS),
+    types.void(types.uint64, _U64, types.int64[::1], types.int64, ROWS, types.int64),
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def draw(key, episode, step, purpose, noise):  # type: ignore[no-untyped-def]
-    """Fill ``noise`` (a multiple of 4 rows, LANES) with the uniforms in (0, 1) of each lane's episode and step.
+def draw(key, episode, step, purpose, noise, lanes):  # type: ignore[no-untyped-def]
+    """Fill the first ``lanes`` of ``noise`` (a multiple of 4 rows, LANES) with the uniforms in (0, 1) of their steps.
 
     The counter is (step, 4-row block and purpose, episode low, episode high), the key is 64 bits: no two draws of a
     run share both. A uniform is (word + 1/2) / 2^32, so neither 0 nor 1 ever comes up.
@@ -67,7 +67,7 @@ def draw(key, episode, step, purpose, noise):  # type: ignore[no-untyped-def]
     for block in range(noise.shape[0] // 4):
         slot = np.uint64(2 * block + purpose)
         row = 4 * block
-        for lane in range(LANES):
+        for lane in range(lanes):
             e = episode[lane]
             w0, w1, w2, w3 = _rounds(np.uint64(step[lane]), slot, e & _LOW, e >> _32, k0, k1)
             noise[row, lane] = (np.float64(np.int64(w0)) + 0.5) * 2.0**-32

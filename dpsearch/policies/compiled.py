@@ -194,34 +194,34 @@ def remember_action(sizes, head_sizes, output, action, hidden):  # type: ignore[
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def categorical_sample(sizes, noise, output, action):  # type: ignore[no-untyped-def]
+def categorical_sample(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
     """Inverts the cumulative softmax of each group of ``sizes[i]`` outputs. Overwrites ``output``."""
     first = 0
     for i in range(sizes.shape[0]):
         last = first + sizes[i] - 1
         action[i] = output[first]  # the largest logit, for now
         for row in range(first + 1, last + 1):
-            for lane in range(LANES):
+            for lane in range(lanes):
                 action[i, lane] = max(action[i, lane], output[row, lane])
-        for lane in range(LANES):
+        for lane in range(lanes):
             output[first, lane] = exp(output[first, lane] - action[i, lane])
         for row in range(first + 1, last + 1):
-            for lane in range(LANES):
+            for lane in range(lanes):
                 output[row, lane] = output[row - 1, lane] + exp(output[row, lane] - action[i, lane])
-        for lane in range(LANES):
+        for lane in range(lanes):
             action[i, lane] = 0.0
         for row in range(first, last):
-            for lane in range(LANES):
+            for lane in range(lanes):
                 action[i, lane] += 1.0 if output[row, lane] <= noise[i, lane] * output[last, lane] else 0.0
         first = last + 1
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def categorical_mode(sizes, noise, output, action):  # type: ignore[no-untyped-def]
+def categorical_mode(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
     """The first largest output of each group."""
     first = 0
     for i in range(sizes.shape[0]):
-        for lane in range(LANES):
+        for lane in range(lanes):
             best = 0
             for choice in range(1, sizes[i]):
                 if output[first + choice, lane] > output[first + best, lane]:
@@ -231,32 +231,32 @@ def categorical_mode(sizes, noise, output, action):  # type: ignore[no-untyped-d
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def gaussian_sample(sizes, noise, output, action):  # type: ignore[no-untyped-def]
+def gaussian_sample(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
     """Box and Muller around the linear mean, with the sigmoid standard deviation."""
     n = sizes[0]
     for i in range(n):
-        for lane in range(LANES):
+        for lane in range(lanes):
             radius = np.sqrt(-2.0 * log(noise[2 * i, lane]))
             _, cosine = sincos(2.0 * np.pi * noise[2 * i + 1, lane])
             action[i, lane] = output[i, lane] + sigmoid(output[n + i, lane]) * radius * cosine
 
 
 @njit(SAMPLE, cache=True, nogil=True, error_model="numpy")
-def gaussian_mode(sizes, noise, output, action):  # type: ignore[no-untyped-def]
+def gaussian_mode(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
     """The mean."""
     action[:] = output[: sizes[0]]
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def deterministic(sizes, noise, output, action):  # type: ignore[no-untyped-def]
+def deterministic(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
     """The outputs, squashed."""
     for i in range(sizes[0]):
-        for lane in range(LANES):
+        for lane in range(lanes):
             action[i, lane] = tanh(output[i, lane])
 
 
 @njit(SAMPLE, cache=True, nogil=True, error_model="numpy")
-def unsquashed(sizes, noise, output, action):  # type: ignore[no-untyped-def]
+def unsquashed(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
     """The outputs as they are."""
     action[:] = output[: sizes[0]]
 

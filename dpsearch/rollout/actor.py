@@ -92,8 +92,8 @@ class LaneActor:
             weights = self._weights if self._population is None else self._weights[b]
             hidden, used = self._hidden[b], min(WIDTH * -(-(lanes - b * LANES) // WIDTH), LANES)
             compiled.forward(compiled.sizes, weights, observation, hidden, self._scratch, self._output, used)
-            draw(self._key, self._episode[b], self._time[b], ACTION, self._noise)
-            self._choose(compiled.head_sizes, self._noise, self._output, self._action[b])
+            draw(self._key, self._episode[b], self._time[b], ACTION, self._noise, used)
+            self._choose(compiled.head_sizes, self._noise, self._output, self._action[b], used)
             remember_action(compiled.sizes, compiled.head_sizes, self._output, self._action[b], hidden)
         self._time += 1
         actions: NDArray[np.float64] = self._action.swapaxes(1, 2).reshape(len(self._padded), -1)[:lanes]

@@ -89,7 +89,7 @@ def _episode_of_each_start(kernel: EnvKernel, key: int) -> NDArray[np.uint64]:
     episodes, beginning = np.arange(LANES, dtype=np.uint64), np.zeros(LANES, np.int64)
     found: dict[bytes, np.uint64] = {}
     while len(found) < len(starts):  # seven times as many episodes as starts, as a rule
-        draw(np.uint64(key), episodes, beginning, ENVIRONMENT, noise)
+        draw(np.uint64(key), episodes, beginning, ENVIRONMENT, noise, LANES)
         for lane in range(LANES):
             kernel.reset(kernel.floats, kernel.ints, noise, lane, state)
         for start, episode in zip(state.T, episodes, strict=True):

@@ -157,7 +157,7 @@ def play(  # type: ignore[no-untyped-def]
                         busy += 1
                         hidden[:, lane] = 0.0
                         _load(weights, population, candidates[taken], lane)  # type: ignore[no-untyped-call]
-            draw(key, episode, time, ENVIRONMENT, env_noise)
+            draw(key, episode, time, ENVIRONMENT, env_noise, LANES)
             for lane in range(LANES):
                 if fresh[lane]:
                     reset(floats, ints, env_noise, lane, state)
@@ -169,12 +169,12 @@ def play(  # type: ignore[no-untyped-def]
             lanes = fewer
         observe(floats, ints, state, observation)
         forward(policy_sizes, weights, observation, hidden, scratch, output, lanes)
-        draw(key, episode, time, ACTION, action_noise)
-        sample(head_sizes, action_noise, output, action)
+        draw(key, episode, time, ACTION, action_noise, lanes)
+        sample(head_sizes, action_noise, output, action, lanes)
         remember_action(policy_sizes, head_sizes, output, action, hidden)
         for lane in range(lanes):
             time[lane] += 1
-        draw(key, episode, time, ENVIRONMENT, env_noise)
+        draw(key, episode, time, ENVIRONMENT, env_noise, lanes)
         step(floats, ints, env_noise, action, state, reward, ended)
         for lane in range(lanes):
             if job[lane] == _IDLE:

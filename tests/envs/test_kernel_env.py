@@ -126,7 +126,7 @@ def test_a_scalar_environment_equals_its_kernel_bit_for_bit(make_task: TaskMaker
     lane = 5
     for episode in range(4):
         episodes = np.full(LANES, episode, np.uint64)
-        draw(key, episodes, steps, ENVIRONMENT, noise)
+        draw(key, episodes, steps, ENVIRONMENT, noise, LANES)
         kernel.reset(kernel.floats, kernel.ints, noise, lane, state)
         kernel.observe(kernel.floats, kernel.ints, state, seen)
         observation, info = env.reset(seed=seed if episode == 0 else None)
@@ -134,7 +134,7 @@ def test_a_scalar_environment_equals_its_kernel_bit_for_bit(make_task: TaskMaker
             assert (observation == seen[:, lane].astype(np.float32)).all()
             assert same(info["state"], task.hidden(state.T)[lane]) or info["state"] == state[0, lane]
             action[:, lane] = choice
-            draw(key, episodes, steps + t, ENVIRONMENT, noise)
+            draw(key, episodes, steps + t, ENVIRONMENT, noise, LANES)
             kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, over)
             kernel.observe(kernel.floats, kernel.ints, state, seen)
             observation, value, terminated, truncated, info = env.step(choice)

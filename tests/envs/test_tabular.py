@@ -49,7 +49,7 @@ def test_the_kernel_plays_the_dense_tables(noisy_pomdp: TabularPOMDP) -> None:
 
         def numbers(step: int, seed: int = seed) -> tuple[float, float]:
             episode = np.zeros(LANES, np.uint64)
-            draw(np.uint64(stream_key(seed)), episode, np.full(LANES, step), ENVIRONMENT, noise)
+            draw(np.uint64(stream_key(seed)), episode, np.full(LANES, step), ENVIRONMENT, noise, LANES)
             return noise[0, 0], noise[1, 0]
 
         first, second = numbers(0)

@@ -138,7 +138,9 @@ def test_fewer_lanes_come_to_the_same_bit_for_bit(core: Core, precision: str) ->
         np.testing.assert_array_equal(some[:, :lanes], every[:, :lanes])
 
 
-def choose(head: Head, outputs: NDArray[np.float64], uniforms: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def choose(
+    head: Head, outputs: NDArray[np.float64], uniforms: NDArray[np.float64] | None, lanes: int = LANES
+) -> NDArray[np.float64]:
     """Compiled actions (LANES, A); greedy if there are no uniform numbers."""
     compiled = compiled_policy("none", 1, 1, head, True)
     noise = np.full((noise_rows(compiled.draws), LANES), 0.5)
@@ -146,7 +148,7 @@ def choose(head: Head, outputs: NDArray[np.float64], uniforms: NDArray[np.float6
         noise[: compiled.draws] = uniforms.T
     action = np.full((compiled.action_size, LANES), np.nan)
     function = compiled.mode if uniforms is None else compiled.sample
-    function(compiled.head_sizes, noise, np.ascontiguousarray(outputs.T), action)
+    function(compiled.head_sizes, noise, np.ascontiguousarray(outputs.T), action, lanes)
     return action.T
 
 
@@ -166,6 +168,17 @@ def test_greedy_actions_are_equal(head: Head) -> None:
     outputs[0] = 0.0  # a tie
     expected = head.mode(torch.from_numpy(outputs)).numpy()
     np.testing.assert_allclose(choose(head, outputs, None), expected, rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("head", HEADS, ids=lambda head: f"{type(head).__name__}{head.n_outputs}")
+@pytest.mark.parametrize("greedy", [True, False])
+def test_fewer_lanes_act_the_same(head: Head, greedy: bool) -> None:
+    rng = np.random.default_rng(11)
+    outputs = rng.normal(size=(LANES, head.n_outputs))
+    uniforms = None if greedy else rng.uniform(1e-9, 1.0, (LANES, head.draws))
+    every = choose(head, outputs, uniforms)
+    for lanes in range(WIDTH, LANES, WIDTH):
+        np.testing.assert_array_equal(choose(head, outputs, uniforms, lanes)[:lanes], every[:lanes])
 
 
 def test_extreme_uniform_numbers_pick_actions_that_exist() -> None:
