@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import INTS, LANES, EnvKernel, noise_rows
+from dpsearch.kernels.lanes import INTS, LANES, EnvKernel, lanes_in_use, noise_rows
 from dpsearch.kernels.philox import ENVIRONMENT, draw, stream_key
 
 _NUMBERS = types.uint64[::1]
@@ -44,6 +44,7 @@ class LaneStepper:
         self._episodes = np.zeros(n, np.uint64)
         self._kernel = kernel
         blocks = -(-n // LANES)
+        self._used = [lanes_in_use(n - LANES * block) for block in range(blocks)]
         self._state = np.zeros((blocks, kernel.state_size, LANES))
         self._action = np.zeros((blocks, kernel.action_size, LANES))
         self._padded = np.zeros((blocks * LANES, kernel.action_size))
@@ -99,16 +100,16 @@ class LaneStepper:
         _draw(self._keys, self._episodes, self.steps, self._everyone, self._noise)
         self._padded[:n] = actions.reshape(n, -1)
         self._action[:] = self._padded.reshape(len(self._action), LANES, -1).transpose(0, 2, 1)
-        blocks = zip(self._noise, self._action, self._state, self._reward, self._terminated, strict=True)
-        for noise, action, state, reward, terminated in blocks:
-            kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, terminated)
+        blocks = zip(self._noise, self._action, self._state, self._reward, self._terminated, self._used, strict=True)
+        for noise, action, state, reward, terminated, lanes in blocks:
+            kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, terminated, lanes)
         return self._reward.ravel()[:n].copy(), self._terminated.ravel()[:n].copy()
 
     def observe(self) -> NDArray[np.float32]:
         """What each environment shows now, ``(n, observation size)``."""
         kernel = self._kernel
-        for state, observation in zip(self._state, self._observation, strict=True):
-            kernel.observe(kernel.floats, kernel.ints, state, observation)
+        for state, observation, lanes in zip(self._state, self._observation, self._used, strict=True):
+            kernel.observe(kernel.floats, kernel.ints, state, observation, lanes)
         return self._environments_first(self._observation).astype(np.float32)
 
     def state(self) -> NDArray[np.float64]:

@@ -193,9 +193,9 @@ def _advance_two(x, v, a, w, b, u, force, friction):  # type: ignore[no-untyped-
 
 
 @_inline
-def _step_one(floats, friction, action, state, reward, terminated):  # type: ignore[no-untyped-def]
+def _step_one(floats, friction, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
     track, lean, survived, failed = floats[_TRACK], floats[_LEAN], floats[_SURVIVED], floats[_FAILED]
-    for i in range(LANES):
+    for i in range(lanes):
         x, v, a, w = state[i], state[LANES + i], state[2 * LANES + i], state[3 * LANES + i]
         force = applied_force(action[i])
         x, v, a, w = _advance_one(x, v, a, w, force, friction)
@@ -207,9 +207,9 @@ def _step_one(floats, friction, action, state, reward, terminated):  # type: ign
 
 
 @_inline
-def _step_two(floats, friction, action, state, reward, terminated):  # type: ignore[no-untyped-def]
+def _step_two(floats, friction, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
     track, lean, survived, failed = floats[_TRACK], floats[_LEAN], floats[_SURVIVED], floats[_FAILED]
-    for i in range(LANES):
+    for i in range(lanes):
         x, v, a, w = state[i], state[LANES + i], state[2 * LANES + i], state[3 * LANES + i]
         b, u = state[4 * LANES + i], state[5 * LANES + i]
         force = applied_force(action[i])
@@ -229,21 +229,21 @@ def _motion(state, i):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _damping(size, state, reward, terminated):  # type: ignore[no-untyped-def]
+def _damping(size, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
     """Pays each step what it adds to Gruau's fitness; ``size`` is the number of rows before its own."""
     steps, fitness, window = size * LANES, (size + 1) * LANES, (size + 2) * LANES
-    for i in range(LANES):
+    for i in range(lanes):
         state[steps + i] += 1.0
         row = np.uint64(state[steps + i]) % np.uint64(_WINDOW)  # the oldest makes room for the newest
         state[np.uint64(window + i) + np.uint64(LANES) * row] = _motion(state, i)
-    for i in range(LANES):
+    for i in range(lanes):
         reward[i] = state[window + i]
     # Summed anew at every step, for a running sum would drown small motions in the rounding of large ones before them.
     for first in range(window + LANES, window + _WINDOW * LANES, 4 * LANES):  # by fours, to go less often to memory
-        for i in range(first, first + LANES):
+        for i in range(first, first + lanes):
             four = (state[i] + state[LANES + i]) + (state[2 * LANES + i] + state[3 * LANES + i])
             reward[i - first] += four
-    for i in range(LANES):
+    for i in range(lanes):
         t = state[steps + i]
         calm = 0.75 / reward[i] if t >= DAMPING_STEPS else 0.0
         value = 0.1 * (t / 1000.0) + 0.9 * calm
@@ -267,37 +267,37 @@ def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
 
 
 @njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
-def observe(floats, ints, state, observation):  # type: ignore[no-untyped-def]
+def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
     """Shows the rows that the agent may see, scaled."""
     for i in range(ints[_SEEN]):
         row = ints[_SEEN_ROWS + i]
         scale = floats[_SCALES + row]
-        for lane in range(LANES):
+        for lane in range(lanes):
             observation[i, lane] = scale * state[row, lane]
 
 
 @njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def step_one(floats, ints, noise, action, state, reward, terminated):  # type: ignore[no-untyped-def]
-    """Two time steps of one pole in every lane."""
+def step_one(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+    """Two time steps of one pole in the first lanes."""
     actions, flat = action.ravel(), state.ravel()
     if floats[_FRICTION] == 0.0:
-        _step_one(floats, 0.0, actions, flat, reward, terminated)
+        _step_one(floats, 0.0, actions, flat, reward, terminated, lanes)
     else:
-        _step_one(floats, floats[_FRICTION], actions, flat, reward, terminated)
+        _step_one(floats, floats[_FRICTION], actions, flat, reward, terminated, lanes)
     if ints[_DAMPING]:
-        _damping(4, flat, reward, terminated)
+        _damping(4, flat, reward, terminated, lanes)
 
 
 @njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def step_two(floats, ints, noise, action, state, reward, terminated):  # type: ignore[no-untyped-def]
-    """Two time steps of two poles in every lane."""
+def step_two(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+    """Two time steps of two poles in the first lanes."""
     actions, flat = action.ravel(), state.ravel()
     if floats[_FRICTION] == 0.0:
-        _step_two(floats, 0.0, actions, flat, reward, terminated)
+        _step_two(floats, 0.0, actions, flat, reward, terminated, lanes)
     else:
-        _step_two(floats, floats[_FRICTION], actions, flat, reward, terminated)
+        _step_two(floats, floats[_FRICTION], actions, flat, reward, terminated, lanes)
     if ints[_DAMPING]:
-        _damping(6, flat, reward, terminated)
+        _damping(6, flat, reward, terminated, lanes)
 
 
 def pack(

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import FLOATS, INTS, LANES, OBSERVE, RESET, STEP, EnvKernel
+from dpsearch.kernels.lanes import FLOATS, INTS, OBSERVE, RESET, STEP, EnvKernel
 
 if TYPE_CHECKING:
     from dpsearch.envs.tabular import TabularPOMDP
@@ -68,24 +68,24 @@ def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
 
 
 @njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
-def observe(floats, ints, state, observation):  # type: ignore[no-untyped-def]
+def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
     """Looks up the features of the symbol that each lane sees."""
     for feature in range(ints[_FEATURES]):
         at = ints[_FEATURE_VALUES] + feature * ints[_SYMBOLS]
-        for lane in range(LANES):
+        for lane in range(lanes):
             observation[feature, lane] = _at(floats, at + np.int64(state[1, lane]))
 
 
 @njit(STEP, cache=True, nogil=True, error_model="numpy")
-def step(floats, ints, noise, action, state, reward, terminated):  # type: ignore[no-untyped-def]
-    """Moves every lane on. An action out of range counts as the nearest one, so no lookup goes astray."""
+def step(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+    """Moves the first lanes on. An action out of range counts as the nearest one, so no lookup goes astray."""
     # Read once: the compiler cannot know that writing a state does not change them.
     actions, transition_starts, next_states = ints[_ACTIONS], ints[_TRANSITION_STARTS], ints[_NEXT_STATES]
     observation_rows, symbol_starts = ints[_OBSERVATION_ROWS], ints[_SYMBOL_STARTS]
     symbol_indices, terminal = ints[_SYMBOL_INDICES], ints[_TERMINAL]
     transition_cumulative, rewards = ints[_TRANSITION_CUMULATIVE], ints[_REWARDS]
     symbol_cumulative = ints[_SYMBOL_CUMULATIVE]
-    for lane in range(LANES):
+    for lane in range(lanes):
         choice = min(max(np.int64(action[0, lane]), 0), actions - 1)
         row = np.int64(state[0, lane]) * actions + choice
         entry = _entry(ints, transition_starts, row, floats, transition_cumulative, noise[0, lane])

@@ -67,8 +67,8 @@ _inline = njit(forceinline=True, fastmath=FASTMATH, error_model="numpy")
 
 
 @_inline
-def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
-    """One substep of every lane."""
+def _drive(floats, ints, action, state, lanes):  # type: ignore[no-untyped-def]
+    """One substep of the first lanes."""
     h = floats[_SECONDS] / ints[_SUBSTEPS]
     pedals = ints[_PEDALS] == 1
     lock, pace, half_width = floats[_LOCK], floats[_STEER_RATE], floats[_HALF_WIDTH]
@@ -86,7 +86,7 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
     gain, hold = (0.0, 0.0) if pedals else (limit, drag)
     speed, rise, rise_steps = floats[_SPEED], floats[_RISE], floats[_RISE_STEPS]
     second = LANES if pedals else 0  # the row of the pedals; without them any will do
-    for i in range(LANES):
+    for i in range(lanes):
         n, p, u = state[OFFSET * LANES + i], state[ANGLE * LANES + i], state[FORWARD * LANES + i]
         v, r, d = state[SIDEWAYS * LANES + i], state[TURNING * LANES + i], state[WHEELS * LANES + i]
         on_road = abs(n) <= half_width
@@ -111,12 +111,12 @@ def _drive(floats, ints, action, state):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _judge(floats, ints, state, reward, terminated):  # type: ignore[no-untyped-def]
+def _judge(floats, ints, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
     """After a step: walls, laps, rewards and ends."""
     half_width, length, seconds = floats[_HALF_WIDTH], floats[_LENGTH], floats[_SECONDS]
     along, centred = ints[_PAYS] >= 1, ints[_PAYS] == 2
     wall, loss, stuck_steps = half_width + floats[_VERGE], floats[_WALL_LOSS], np.float64(ints[_STUCK])
-    for i in range(LANES):
+    for i in range(lanes):
         n, p = state[OFFSET * LANES + i], state[ANGLE * LANES + i]
         u, v, r = state[FORWARD * LANES + i], state[SIDEWAYS * LANES + i], state[TURNING * LANES + i]
         p -= 2.0 * math.pi * np.rint(p / (2.0 * math.pi))
@@ -198,13 +198,13 @@ def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
 
 
 @njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def step(floats, ints, noise, action, state, reward, terminated):  # type: ignore[no-untyped-def]
-    """One step of every lane."""
+def step(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+    """One step of the first lanes."""
     actions, flat = action.ravel(), state.ravel()
     for _ in range(ints[_SUBSTEPS]):
-        _drive(floats, ints, actions, flat)
-    _judge(floats, ints, flat, reward, terminated)
-    for i in range(LANES):
+        _drive(floats, ints, actions, flat, lanes)
+    _judge(floats, ints, flat, reward, terminated, lanes)
+    for i in range(lanes):
         _survey(floats, ints, flat, i)
 
 
@@ -219,10 +219,10 @@ def _bearing(state, i):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _look(floats, ints, state, seen, first):  # type: ignore[no-untyped-def]
+def _look(floats, ints, state, seen, first, lanes):  # type: ignore[no-untyped-def]
     """The free road in all directions; ``first`` is where the first one stands in ``seen``."""
     rows = ints[_SAMPLES] + _AHEAD + 1
-    for i in range(LANES):
+    for i in range(lanes):
         s = state[DISTANCE * LANES + i]
         n = state[OFFSET * LANES + i] if 0.0 <= s < floats[_LENGTH] else np.inf
         heading = state[_HEADING * LANES + i] + state[ANGLE * LANES + i]
@@ -241,35 +241,35 @@ def _look(floats, ints, state, seen, first):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _see(floats, name, state, seen, first):  # type: ignore[no-untyped-def]
-    """What has the name, in every lane, neither shifted nor scaled."""
+def _see(floats, name, state, seen, first, lanes):  # type: ignore[no-untyped-def]
+    """What has the name, in the first lanes, neither shifted nor scaled."""
     lock, half_width = floats[_LOCK], floats[_HALF_WIDTH]
     speed, rise, rise_steps = floats[_SPEED], floats[_RISE], floats[_RISE_STEPS]
     if name == _SEE_SPEED:
-        for i in range(LANES):
+        for i in range(lanes):
             seen[first + i] = KMH * state[FORWARD * LANES + i]
     elif name == _SEE_STEERING:
-        for i in range(LANES):
+        for i in range(lanes):
             seen[first + i] = state[WHEELS * LANES + i] / lock
     elif name == _SEE_POSITION:
-        for i in range(LANES):
+        for i in range(lanes):
             seen[first + i] = state[OFFSET * LANES + i] / half_width
     elif name == _SEE_LOOKAHEAD:
-        for i in range(LANES):
+        for i in range(lanes):
             seen[first + i] = _bearing(state, i)
     elif name == _SEE_ANGLE:
-        for i in range(LANES):
+        for i in range(lanes):
             seen[first + i] = state[ANGLE * LANES + i]
     elif name == _SEE_CURVATURE:
-        for i in range(LANES):
+        for i in range(lanes):
             seen[first + i] = state[_AHEAD_BEND * LANES + i]
     else:
-        for i in range(LANES):
+        for i in range(lanes):
             seen[first + i] = KMH * (speed + rise * min(state[DRIVEN * LANES + i] / rise_steps, 1.0))
 
 
 @njit(OBSERVE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def observe(floats, ints, state, observation):  # type: ignore[no-untyped-def]
+def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
     """Shows what the agent may see, shifted and scaled."""
     rows, seen = state.ravel(), observation.ravel()
     first = 0
@@ -277,9 +277,9 @@ def observe(floats, ints, state, observation):  # type: ignore[no-untyped-def]
         name = ints[_SEEN_NAMES + k]
         size = len(RAY_ANGLES) if name == _SEE_RAYS else 1
         if name == _SEE_RAYS:
-            _look(floats, ints, rows, seen, first)
+            _look(floats, ints, rows, seen, first, lanes)
         else:
-            _see(floats, name, rows, seen, first)
+            _see(floats, name, rows, seen, first, lanes)
         mean, scale = floats[_SCALES + 2 * name], floats[_SCALES + 2 * name + 1]
         for i in range(first, first + size * LANES):
             seen[i] = scale * (seen[i] - mean)

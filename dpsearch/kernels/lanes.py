@@ -26,7 +26,7 @@ LANES = 24
 """Episodes in a block: three AVX-512 registers of doubles, to hide latency, and little waste with batches of 20."""
 
 WIDTH = 8
-"""Lanes that a policy's forward pass works on at a time: where few episodes are left, it leaves out the rest."""
+"""Kernels work on some multiple of so many lanes, the first ones: where few episodes are left, the rest is left out."""
 
 FASTMATH = {"contract", "nsz", "arcp"}
 """Freedom for the compiler that keeps infinities and NaN meaningful and never reorders a sum."""
@@ -40,17 +40,14 @@ SINGLE_ROWS = types.float32[:, ::1]
 RESET = types.void(FLOATS, INTS, ROWS, types.int64, ROWS)
 """``reset(floats, ints, noise, lane, state)``: puts one lane of ``state`` at the start of an episode."""
 
-OBSERVE = types.void(FLOATS, INTS, ROWS, ROWS)
-"""``observe(floats, ints, state, observation)``: writes what every lane sees now."""
+OBSERVE = types.void(FLOATS, INTS, ROWS, ROWS, types.int64)
+"""``observe(floats, ints, state, observation, lanes)``: writes what each of the first lanes sees now."""
 
-STEP = types.void(FLOATS, INTS, ROWS, ROWS, ROWS, FLOATS, types.boolean[::1])
-"""``step(floats, ints, noise, action, state, reward, terminated)``: moves every lane on by one step."""
+STEP = types.void(FLOATS, INTS, ROWS, ROWS, ROWS, FLOATS, types.boolean[::1], types.int64)
+"""``step(floats, ints, noise, action, state, reward, terminated, lanes)``: moves the first lanes one step on."""
 
 FORWARD_SHARED = types.void(INTS, FLOATS, ROWS, ROWS, ROWS, ROWS, types.int64)
-"""``forward(sizes, weights, observation, hidden, scratch, output, lanes)`` with one weight vector ``(P,)`` for all.
-
-Only the first lanes count, as many as said, a multiple of ``WIDTH``; what is hidden in the others may stay as it was.
-"""
+"""``forward(sizes, weights, observation, hidden, scratch, output, lanes)`` with one weight vector ``(P,)`` for all."""
 
 FORWARD_LANES = types.void(INTS, ROWS, ROWS, ROWS, ROWS, ROWS, types.int64)
 """The same with weights ``(P, LANES)``: every lane its own candidate."""
@@ -118,6 +115,11 @@ def function_at(signature: Any) -> Compiled:
         return function_type(types.int64), codegen
 
     return at  # type: ignore[no-any-return]
+
+
+def lanes_in_use(episodes: int) -> int:
+    """How many lanes of a block kernels have to work on, of which so many episodes are in the first lanes."""
+    return min(WIDTH * -(-episodes // WIDTH), LANES)
 
 
 def noise_rows(draws: int) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import LANES, WIDTH, noise_rows
+from dpsearch.kernels.lanes import LANES, lanes_in_use, noise_rows
 from dpsearch.kernels.philox import ACTION, draw
 from dpsearch.policies.compiled import remember_action
 from dpsearch.policies.recurrent import RecurrentPolicy
@@ -90,7 +90,7 @@ class LaneActor:
         self._observation[:] = self._padded.reshape(len(self._observation), LANES, -1).swapaxes(1, 2)
         for b, observation in enumerate(self._observation):
             weights = self._weights if self._population is None else self._weights[b]
-            hidden, used = self._hidden[b], min(WIDTH * -(-(lanes - b * LANES) // WIDTH), LANES)
+            hidden, used = self._hidden[b], lanes_in_use(lanes - b * LANES)
             compiled.forward(compiled.sizes, weights, observation, hidden, self._scratch, self._output, used)
             draw(self._key, self._episode[b], self._time[b], ACTION, self._noise, used)
             self._choose(compiled.head_sizes, self._noise, self._output, self._action[b], used)

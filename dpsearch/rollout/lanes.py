@@ -167,7 +167,7 @@ def play(  # type: ignore[no-untyped-def]
             fewer = WIDTH * ((busy + WIDTH - 1) // WIDTH)
             _close_up(job, episode, time, total, state, hidden, weights, population, candidates, fewer, lanes)
             lanes = fewer
-        observe(floats, ints, state, observation)
+        observe(floats, ints, state, observation, lanes)
         forward(policy_sizes, weights, observation, hidden, scratch, output, lanes)
         draw(key, episode, time, ACTION, action_noise, lanes)
         sample(head_sizes, action_noise, output, action, lanes)
@@ -175,7 +175,7 @@ def play(  # type: ignore[no-untyped-def]
         for lane in range(lanes):
             time[lane] += 1
         draw(key, episode, time, ENVIRONMENT, env_noise, lanes)
-        step(floats, ints, env_noise, action, state, reward, ended)
+        step(floats, ints, env_noise, action, state, reward, ended, lanes)
         for lane in range(lanes):
             if job[lane] == _IDLE:
                 continue

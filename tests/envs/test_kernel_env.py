@@ -29,14 +29,14 @@ def _drift_reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-d
 
 
 @njit(OBSERVE)
-def _drift_observe(floats, ints, state, observation):  # type: ignore[no-untyped-def]
-    for lane in range(LANES):
+def _drift_observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
+    for lane in range(lanes):
         observation[0, lane] = state[0, lane] * floats[0]
 
 
 @njit(STEP)
-def _drift_step(floats, ints, noise, action, state, reward, terminated):  # type: ignore[no-untyped-def]
-    for lane in range(LANES):
+def _drift_step(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+    for lane in range(lanes):
         over = abs(state[0, lane]) > 1
         state[0, lane] += 0.3 * min(max(action[0, lane], -1.0), 1.0) + noise[5, lane] - 0.5
         state[1, lane] += 0.1 * min(max(action[1, lane], -1.0), 1.0)
@@ -128,15 +128,15 @@ def test_a_scalar_environment_equals_its_kernel_bit_for_bit(make_task: TaskMaker
         episodes = np.full(LANES, episode, np.uint64)
         draw(key, episodes, steps, ENVIRONMENT, noise, LANES)
         kernel.reset(kernel.floats, kernel.ints, noise, lane, state)
-        kernel.observe(kernel.floats, kernel.ints, state, seen)
+        kernel.observe(kernel.floats, kernel.ints, state, seen, LANES)
         observation, info = env.reset(seed=seed if episode == 0 else None)
         for t, choice in enumerate(random_actions(task, 12, 1)[:, 0], start=1):
             assert (observation == seen[:, lane].astype(np.float32)).all()
             assert same(info["state"], task.hidden(state.T)[lane]) or info["state"] == state[0, lane]
             action[:, lane] = choice
             draw(key, episodes, steps + t, ENVIRONMENT, noise, LANES)
-            kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, over)
-            kernel.observe(kernel.floats, kernel.ints, state, seen)
+            kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, over, LANES)
+            kernel.observe(kernel.floats, kernel.ints, state, seen, LANES)
             observation, value, terminated, truncated, info = env.step(choice)
             assert (value, terminated, truncated) == (reward[lane], over[lane], t >= 12)
             if terminated:

@@ -82,7 +82,9 @@ def test_an_episode_ends_exactly_at_the_limits(kind: type[PolesEnv], number: int
 def test_a_state_that_is_not_a_number_ends_the_episode() -> None:
     kernel = DoublePole().kernel
     state, reward, terminated = np.full((6, LANES), np.nan), np.empty(LANES), np.zeros(LANES, np.bool_)
-    kernel.step(kernel.floats, kernel.ints, np.empty((0, LANES)), np.zeros((1, LANES)), state, reward, terminated)
+    kernel.step(
+        kernel.floats, kernel.ints, np.empty((0, LANES)), np.zeros((1, LANES)), state, reward, terminated, LANES
+    )
     assert terminated.all()
 
 

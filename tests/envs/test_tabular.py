@@ -137,9 +137,11 @@ def test_a_kernel_survives_any_number_as_an_action(noisy_pomdp: TabularPOMDP) ->
     state, noise = np.zeros((2, LANES)), np.full((4, LANES), 0.5)
     reward, over = np.empty(LANES), np.empty(LANES, np.bool_)
     action = np.tile([np.nan, np.inf, -np.inf, 1e300, -7, 3, 2, 0], 2)[None].astype(np.float64)
-    kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, over)
+    kernel.step(kernel.floats, kernel.ints, noise, action, state, reward, over, LANES)
     nearest = np.zeros((2, LANES))
-    kernel.step(kernel.floats, kernel.ints, noise, np.clip(np.nan_to_num(action), 0, 2), nearest, reward.copy(), over)
+    kernel.step(
+        kernel.floats, kernel.ints, noise, np.clip(np.nan_to_num(action), 0, 2), nearest, reward.copy(), over, LANES
+    )
     assert (state[:, 3:8] == nearest[:, 3:8])[:, 1:].all()
     assert ((state[0] >= 0) & (state[0] < 6)).all()
 
