@@ -6,9 +6,22 @@ import numpy as np
 import pytest
 
 from dpsearch.envs.track import Track
-from dpsearch.report.tables import SUCCESS_RATE
+from dpsearch.report.tables import SUCCESS_RATE, Row
 from scripts.experiments.driving_log import NO_LAP
-from scripts.experiments.driving_pedals import HOURS, LAP, NEAR, OFF, RATIO, SIMULATORS, WALL, drive_on, pedals_cell
+from scripts.experiments.driving_pedals import (
+    BETTER,
+    HOURS,
+    LAP,
+    NEAR,
+    OFF,
+    PEDALS,
+    RATIO,
+    SIMULATORS,
+    WALL,
+    drive_on,
+    pedals_cell,
+)
+from scripts.experiments.experiment import Method
 from scripts.experiments.training import compose
 
 OVERRIDES = ("experiment=driving_pedals",)
@@ -37,19 +50,39 @@ def test_a_car_that_is_stuck_is_put_back_and_goes_on() -> None:
 
 
 def test_one_run_has_a_line_for_each_simulator() -> None:
+    rows = searches([(62.0, 58.0), (63.0, 59.0), (64.0, 60.0)], PEDALS)
+    laps = [row for row in rows if row.metric == LAP]
+    assert [row.mean for row in laps] == pytest.approx([63.0, 59.0])
+    assert len({row.task for row in laps}) == 2
+
+
+def test_of_two_runs_the_one_that_is_faster_where_it_has_learned_drives_elsewhere_too() -> None:
+    rows = searches([(62.0, 58.0), (60.0, 59.0), (61.0, 60.0), (65.0, 57.0), (55.0, 55.0)], BETTER)  # the last is alone
+    found = {(row.task, row.metric): row for row in rows}
+    for name, lap in (("track", 60.5), ("torcs", 59.5)):
+        of = {metric: found[SIMULATORS[name], metric] for metric in (LAP, HOURS, WALL)}
+        assert (of[LAP].mean, of[LAP].runs, of[HOURS].mean, of[WALL].mean) == (lap, 2, 2.0, 4.0)
+
+
+def test_one_run_alone_is_not_the_better_of_two() -> None:
+    assert not searches([(62.0, 58.0)], BETTER)
+
+
+def searches(laps: list[tuple[float, float]], method: Method) -> list[Row]:
+    """The rows of a method for runs with these laps on the embedded track and in TORCS."""
+
     def told(lap: float) -> dict[str, float]:
         return {LAP: lap, RATIO: lap / 50.0, NEAR: 100.0, OFF: 0.0, HOURS: 1.0, WALL: 2.0}
 
-    outcomes = [{"solved": 1, "track": told(62.0 + k), "torcs": told(58.0 + k)} for k in range(3)]
-    rows = [row for row in pedals_cell().rows(outcomes, ("settled",), "mean") if row.metric == LAP]
-    assert [row.mean for row in rows] == pytest.approx([63.0, 59.0])
-    assert len({row.task for row in rows}) == 2
+    outcomes = [{"solved": 1, "track": told(track), "torcs": told(torcs)} for track, torcs in laps]
+    return [row for row in pedals_cell().rows(outcomes, ("settled",), "mean") if row.method == method.label]
 
 
 def test_a_run_without_a_lap_counts_as_such_and_not_as_a_slow_one() -> None:
     none = {LAP: NO_LAP, RATIO: 36.0, NEAR: 0.0, OFF: 5.0, HOURS: 1.0, WALL: 2.0}
     good = {LAP: 60.0, RATIO: 1.2, NEAR: 100.0, OFF: 1.0, HOURS: 1.0, WALL: 2.0}
     outcomes = [{"solved": 1, "track": good, "torcs": torcs} for torcs in (good, none)]
-    rows = {row.metric: row for row in pedals_cell().rows(outcomes, (), "mean") if row.task == SIMULATORS["torcs"]}
+    table = pedals_cell().rows(outcomes, (), "mean")
+    rows = {row.metric: row for row in table if (row.task, row.method) == (SIMULATORS["torcs"], PEDALS.label)}
     assert (rows[SUCCESS_RATE].solved, rows[SUCCESS_RATE].runs) == (1, 2)
     assert (rows[LAP].mean, rows[NEAR].mean, rows[OFF].mean) == (60.0, 50.0, 3.0)
