@@ -134,11 +134,14 @@ def lstm(sizes, weights, observation, hidden, scratch, output, lanes):  # type: 
         cell, kept, added = hidden[n + j], keep[j * lanes :], new[j * lanes :]
         for lane in range(lanes):
             added[lane] = kept[lane] * cell[lane] + added[lane]
-        cell[:lanes] = added[:lanes]
+        for lane in range(lanes):  # assigning slices takes several times as long
+            cell[lane] = added[lane]
     for k in range(units):
         leave[k] = sigmoid(leave[k]) * tanh(new[k])
     for j in range(n):
-        hidden[j, :lanes] = leave[j * lanes : (j + 1) * lanes]
+        memory, left = hidden[j], leave[j * lanes :]
+        for lane in range(lanes):
+            memory[lane] = left[lane]
     first = 4 * n * columns
     matvec(weights, first, outputs, _features(sizes, hidden, noise, seen), seen, output, lanes)
 
