@@ -201,7 +201,8 @@ EXPERIMENTS = (
         "how soon steps shrink are of 24 seeds from 1000 on of the embedded track; some of the others are older, and "
         "chosen by seeds of the TORCS runs in the table, which is flattering. "
         "The rising drives have the first seeds of the half hours. "
-        "Wall times are of two machines, those of RPG with our settings of a slower one with other work beside. "
+        "The better of two searches is that of the first run and the second, and so on. "
+        "Wall times are of several machines, most with other work beside. "
         "The figure has the last lap of the first run of the first line.",
         runs=20,
         statistic="mean",
