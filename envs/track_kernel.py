@@ -281,8 +281,9 @@ def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped
         else:
             _see(floats, name, rows, seen, first, lanes)
         mean, scale = floats[_SCALES + 2 * name], floats[_SCALES + 2 * name + 1]
-        for i in range(first, first + size * LANES):
-            seen[i] = scale * (seen[i] - mean)
+        for row in range(first, first + size * LANES, LANES):
+            for i in range(row, row + lanes):
+                seen[i] = scale * (seen[i] - mean)
         first += size * LANES
 
 

@@ -56,7 +56,10 @@ FORWARD_SINGLE = types.void(INTS, SINGLES, ROWS, SINGLE_ROWS, SINGLE_ROWS, ROWS,
 """``FORWARD_SHARED`` in single precision: weights, what is hidden and scratch are float32."""
 
 SAMPLE = types.void(INTS, ROWS, ROWS, ROWS, types.int64)
-"""``sample(sizes, noise, output, action, lanes)``: turns the outputs of a policy into actions, in the first lanes."""
+"""``sample(sizes, noise, output, action, lanes)``: turns the outputs of a policy into actions.
+
+Only those of the first lanes mean anything.
+"""
 
 Compiled = Callable[..., Any]
 

@@ -350,11 +350,15 @@ class RecurrentPolicy(nn.Module):
             after[:, -self.echo_size :] = self.head.echo(actions)
         return actions, after
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without views, which a copy would detach from what they are views of."""
+        return {**self.__dict__, "_places": [], "_views": []}
+
     def vector(self) -> NDArray[np.float64]:
         """The free parameters as one flat copy ``(P,)``."""
         places = [p.data_ptr() for p in self._free]
         if places != self._places:  # to make a view of a tensor takes as long as to copy it
-            self._places, self._views = places, [p.numpy(force=True) for p in self._free]
+            self._places, self._views = places, [p.detach().numpy() for p in self._free]
         return np.concatenate(self._views, axis=None, dtype=np.float64)
 
     def load_vector(self, vector: NDArray[np.floating]) -> None:

@@ -41,16 +41,22 @@ CORE_SECONDS = "core_seconds"
 TASK = "89-state maze"
 
 BEST = Method("rpg_best", "RPG, best setting", ("experiment=maze89_best",))
-THESIS = Method("rpg_thesis", "RPG as in the thesis, history baseline", ("experiment=maze89_thesis",))
+THESIS = Method(
+    "rpg_thesis", "RPG, the thesis's two settings together, history baseline", ("experiment=maze89_thesis",)
+)
 CONSTANT_BASELINE = ("algo.baseline=constant", "algo.baseline_episodes=1000")
-CONSTANT = Method("rpg_constant", "RPG as in the thesis, constant baseline", (*THESIS.overrides, *CONSTANT_BASELINE))
+CONSTANT = Method(
+    "rpg_constant",
+    "RPG, the thesis's two settings together, constant baseline",
+    (*THESIS.overrides, *CONSTANT_BASELINE),
+)
 TWENTY = Method(
     "rpg_twenty",
     "RPG, batches of 20, history baseline",
     (*THESIS.overrides, "algo.batch_size=20", "algo.learning_rate=1.0", "~algo.optimizer_options.momentum"),
 )
 TWENTY_ACTION = Method(
-    "rpg_action",
+    "rpg_twenty_action",
     "RPG, batches of 20, history baseline, previous action seen",
     (*TWENTY.overrides, "policy.previous_action=true"),
 )
@@ -105,7 +111,12 @@ ABLATIONS = {
 }  # fmt: skip
 
 # Section 3.4.3, table 7.3, and what it quotes: percent that reach the goal, and the median of their steps
-THESIS_NUMBERS = {THESIS.name: (95, 58), CONSTANT.name: (85, 70), FEM.name: (72, 92), NES.name: (67, 101)}
+THESIS_NUMBERS = {
+    **dict.fromkeys((THESIS.name, TWENTY.name), (95, 58)),
+    **dict.fromkeys((CONSTANT.name, TWENTY_CONSTANT.name), (85, 70)),
+    FEM.name: (72, 92),
+    NES.name: (67, 101),
+}
 REPORTED = {
     "human (Littman et al. 1995)": (100, 29),
     "RL-LSTM (Bakker 2004)": (94, 61),
@@ -284,10 +295,10 @@ EXPERIMENTS = (
         "table_7_3",
         "Table 7.3 and section 3.4.3: the 89-state maze",
         "The thesis has two settings for the T-maze and names none for this maze: batches of 20 with the gradient "
-        "normalised to length 0.3, and steps of 0.001 after each episode with a momentum of 0.9. *As in the thesis* is "
-        "the two together, in batches of 60 and steps a twentieth as long, which was chosen by runs of seeds from 1000 "
-        "on. *Batches of 20* are the first as it is. The second is taken ten episodes at a time, with ten times the "
-        "step: the same to first order, and several times faster. NES and FEM judge a policy by 250 episodes. All "
+        "normalised to length 0.3, and steps of 0.001 after each episode with a momentum of 0.9. *Batches of 20* are "
+        "the first as it is. The second is taken ten episodes at a time, with ten times the step: the same to first "
+        "order, and several times faster. *The two together* are normalised gradients with momentum, tuned: batches of "
+        "60 and a step size of 0.05 for 1 were chosen by runs of seeds from 1000 on. NES and FEM judge a policy by 250 episodes. All "
         "learn for 30 million steps, the best setting for 20. What knows the model was played 20,000 times. "
         "Other work ran beside most of the runs, which costs them core-seconds.",
         LEARNED,
