@@ -30,7 +30,8 @@ def matvec(
     ``W`` is the row-major (rows, columns) matrix that starts at ``weights[offset]``. Weights are ``(P,)``, shared by
     all lanes, or ``(P, LANES)``; ``x`` is ``(.., LANES)``. Only the first ``lanes`` are computed, a multiple of
     ``WIDTH``. ``output`` is ``(.., LANES)``, or one-dimensional: then its rows are packed, ``lanes`` numbers each.
-    Products are fused with their sum and added in the order of the columns, of which there must be one at least, so the result is the same on every machine.
+    Products are fused with their sum and added in the order of the columns, of which there must be one at least, so the
+    result is the same on every machine.
     Weights and ``x`` are both float64, or both float32, which is what sums are then made in; ``output`` may be either.
     """
     signature = types.void(weights, types.intp, types.intp, types.intp, x, output, types.intp)

@@ -70,7 +70,9 @@ def _load_by_layout(weights, population, candidate, lane):  # type: ignore[no-un
 
 
 @njit(inline="always")
-def _close_up(job, episode, time, total, state, hidden, weights, population, candidates, fewer, lanes):  # type: ignore[no-untyped-def]
+def _close_up(  # type: ignore[no-untyped-def]
+    job, episode, time, total, state, hidden, weights, population, candidates, fewer, lanes
+):
     """Moves what is played in the last lanes to where nothing is, so that fewer lanes hold it all."""
     free = 0
     for lane in range(fewer, lanes):

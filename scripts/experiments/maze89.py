@@ -298,9 +298,9 @@ EXPERIMENTS = (
         "normalised to length 0.3, and steps of 0.001 after each episode with a momentum of 0.9. *Batches of 20* are "
         "the first as it is. The second is taken ten episodes at a time, with ten times the step: the same to first "
         "order, and several times faster. *The two together* are normalised gradients with momentum, tuned: batches of "
-        "60 and a step size of 0.05 for 1 were chosen by runs of seeds from 1000 on. NES and FEM judge a policy by 250 episodes. All "
-        "learn for 30 million steps, the best setting for 20. What knows the model was played 20,000 times. "
-        "Other work ran beside most of the runs, which costs them core-seconds.",
+        "60 and a step size of 0.05 for 1 were chosen by runs of seeds from 1000 on. NES and FEM judge a policy by 250 "
+        "episodes. All learn for 30 million steps, the best setting for 20. What knows the model was played 20,000 "
+        "times. Other work ran beside most of the runs, which costs them core-seconds.",
         LEARNED,
         20,
         REPORTED,

@@ -1,3 +1,6 @@
+import copy
+import pickle
+
 import numpy as np
 import pytest
 import torch
@@ -38,6 +41,22 @@ def test_the_vector_is_a_copy() -> None:
     policy = RecurrentPolicy(3, Categorical([4]))
     policy.vector()[:] = 7.0
     assert policy.vector().max() < 1.0
+
+
+def test_the_vector_is_that_of_the_weights_as_they_are_now() -> None:
+    policy = RecurrentPolicy(3, Categorical([4]))
+    before = policy.vector()
+    twin, sent = copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))  # both after a look at the weights
+    with torch.no_grad():
+        policy.readout.weight += 1.0
+    assert (policy.vector() - before).sum() == pytest.approx(policy.readout.weight.numel(), rel=1e-5)
+    for other in (twin, sent):
+        np.testing.assert_array_equal(other.vector(), before)
+        other.load_vector(before + 1.0)
+        np.testing.assert_allclose(other.vector(), before + 1.0, rtol=1e-6)
+    np.testing.assert_array_equal(twin.double().vector(), sent.vector())
+    twin.load_vector(before)
+    np.testing.assert_array_equal(twin.vector(), before)
 
 
 def test_a_vector_that_does_not_fit_is_refused() -> None:
