@@ -163,7 +163,8 @@ TABLE_3_1 = Experiment(
         "with the thesis's after 10,000. *As in the thesis*: steps of 0.001 "
         "times the variance after each episode, momentum 0.9, the mean return of the last 100 episodes for a baseline. "
         "A tenth was chosen by 37 starts of seeds from 1000 on. "
-        "Core-seconds of *RPG, LSTM* with two poles and no velocities are of a busy Intel Xeon, others of an AMD EPYC."
+        "Core-seconds of *RPG, LSTM* with two poles and no velocities are mostly of a busy Intel Xeon, others of an "
+        "AMD EPYC."
     ),
     runs=200,
     statistic="mean",
