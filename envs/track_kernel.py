@@ -61,6 +61,9 @@ _SEE_SPEED, _SEE_STEERING, _SEE_POSITION, _SEE_LOOKAHEAD, _SEE_ANGLE, _SEE_CURVA
 
 # Inlined by LLVM, not by Numba (inline="always"): as fast in the end, and compiled in a fifth of the time.
 _inline = njit(forceinline=True, fastmath=FASTMATH, error_model="numpy")
+# What is seen is rounded the same wherever arrays are in memory: whether LLVM takes the loop with SIMD depends on that,
+# and which products are fused with sums depends on the loop.
+_exact = njit(forceinline=True, error_model="numpy")
 
 # In the loops below, rows are parts of one flat array: only so can LLVM see that they do not overlap. For the same
 # reason the tables of the road are read in loops of their own, which are not SIMD.
@@ -208,7 +211,7 @@ def step(floats, ints, noise, action, state, reward, terminated, lanes):  # type
         _survey(floats, ints, flat, i)
 
 
-@_inline
+@_exact
 def _bearing(state, i):  # type: ignore[no-untyped-def]
     """Of the middle of the road at the look-ahead distance, from the car's heading (rad)."""
     n, p = state[OFFSET * LANES + i], state[ANGLE * LANES + i]
@@ -218,7 +221,7 @@ def _bearing(state, i):  # type: ignore[no-untyped-def]
     return arctan2(y * cos_h - x * sin_h - n * cos_p, x * cos_h + y * sin_h - n * sin_p)
 
 
-@_inline
+@_exact
 def _look(floats, ints, state, seen, first, lanes):  # type: ignore[no-untyped-def]
     """The free road in all directions; ``first`` is where the first one stands in ``seen``."""
     rows = ints[_SAMPLES] + _AHEAD + 1
@@ -240,7 +243,7 @@ def _look(floats, ints, state, seen, first, lanes):  # type: ignore[no-untyped-d
             )
 
 
-@_inline
+@_exact
 def _see(floats, name, state, seen, first, lanes):  # type: ignore[no-untyped-def]
     """What has the name, in the first lanes, neither shifted nor scaled."""
     lock, half_width = floats[_LOCK], floats[_HALF_WIDTH]
@@ -268,7 +271,7 @@ def _see(floats, name, state, seen, first, lanes):  # type: ignore[no-untyped-de
             seen[first + i] = KMH * (speed + rise * min(state[DRIVEN * LANES + i] / rise_steps, 1.0))
 
 
-@njit(OBSERVE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
 def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
     """Shows what the agent may see, shifted and scaled."""
     rows, seen = state.ravel(), observation.ravel()
