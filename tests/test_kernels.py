@@ -40,14 +40,8 @@ def uniforms(
     key: int, episodes: Any, steps: Any, purpose: int = ENVIRONMENT, rows: int = 4, lanes: int = LANES
 ) -> NDArray[np.float64]:
     noise = np.zeros((rows, LANES))
-    draw(
-        np.uint64(key),
-        np.full(LANES, episodes, np.uint64),
-        np.full(LANES, steps, np.int64),
-        purpose,
-        noise,
-        lanes,
-    )
+    numbers = np.full(LANES, episodes, np.uint64), np.full(LANES, steps, np.int64)
+    draw(np.uint64(key), *numbers, purpose, noise, lanes)
     return noise
 
 
