@@ -13,7 +13,7 @@ import torch
 
 from dpsearch import __version__
 
-FORMAT = 3
+FORMAT = 4
 
 
 class CheckpointError(RuntimeError):

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
+from dpsearch.algos.advantages import RunningScale
 from dpsearch.algos.base import Algorithm, Env, Metrics
 from dpsearch.algos.baselines import SharedBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
@@ -137,7 +138,7 @@ class LRWR(Algorithm[LRWRConfig]):
         if self.config.baseline == "shared":
             self.baseline = SharedBaseline(self.policy.hidden_size, self.config.baseline_weight)
             self.parameters = [*self.parameters, *self.baseline.parameters()]
-        self._mean_square = 0.0  # of the gains, a moving average over batches
+        self.gain_scale = RunningScale(SCALE_MEMORY)
         self.optimizer = self._make_optimizer()
         head = self.policy.head
         self._distances(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size))  # refused now, if it is
@@ -158,9 +159,9 @@ class LRWR(Algorithm[LRWRConfig]):
         returns = played.returns_to_go(config.gamma)[: len(episodes.rewards)]  # R_t, (T, N)
         features = self._remember(episodes)  # (T, N, H)
         gains, whose = self._gains(episodes, returns, features)  # (M,) and (T, N)
-        self._mean_square += (1.0 - SCALE_MEMORY) * (float(np.square(gains).mean()) - self._mean_square)
+        self.gain_scale.note(gains)
         if config.steepness is not None:
-            self.tau = config.steepness / self._scale
+            self.tau = config.steepness / self.gain_scale.value
         elif self.tau is None:
             self.tau = adapted_tau(gains, np.ones(len(gains))) or 1.0
         utilities = np.exp(self.tau * (gains - gains.max()))  # (M,), the best one 1, equation 6.2
@@ -202,11 +203,6 @@ class LRWR(Algorithm[LRWRConfig]):
         surprises = returns - self.baseline.expected(episodes, features)
         return surprises[mask].astype(np.float64), np.cumsum(mask).reshape(mask.shape) - 1
 
-    @property
-    def _scale(self) -> float:
-        """Root mean square of the gains of the last batch and, less and less, those before."""
-        return max(math.sqrt(self._mean_square / (1.0 - SCALE_MEMORY ** (self.updates + 1))), 1e-8)
-
     def imitate(
         self, episodes: Episodes, utilities: NDArray[np.float64], features: Tensor, returns: NDArray[np.float32]
     ) -> int:
@@ -247,7 +243,7 @@ class LRWR(Algorithm[LRWRConfig]):
             loss = losses[:, ~held].sum()
             if self.baseline is not None:
                 _, error = self.baseline(episodes, features, returns, mask & ~held)
-                loss = loss + mean / self._scale**2 * error
+                loss = loss + mean / self.gain_scale.value**2 * error
             if not torch.isfinite(loss):
                 raise FloatingPointError(f"the loss of update {self.updates} is not finite: the steps are too large")
             for parameter in self.parameters:
@@ -293,7 +289,7 @@ class LRWR(Algorithm[LRWRConfig]):
             "tau": self.tau,
             "optimizer": self.optimizer.state_dict(),
             "baseline": None if self.baseline is None else self.baseline.state_dict(),
-            "mean_square": self._mean_square,
+            "gain_scale": self.gain_scale.state_dict(),
         }
 
     @override
@@ -303,7 +299,7 @@ class LRWR(Algorithm[LRWRConfig]):
         self.optimizer.load_state_dict(state["optimizer"])
         if self.baseline is not None:
             self.baseline.load_state_dict(state["baseline"])
-        self._mean_square = state["mean_square"]
+        self.gain_scale.load_state_dict(state["gain_scale"])
 
 
 def adapted_tau(gains: NDArray[np.float64], utilities: NDArray[np.float64]) -> float | None:

@@ -24,13 +24,15 @@ ITERATIONS = 10  # of conjugate gradients: more changes little
 TOLERANCE = 1e-3  # of the squared residual, relative to the gradient's
 SHORTENINGS, SLACK = 5, 1.2  # at most so many; a step may exceed the divergence asked for by this factor
 PROBE = 1e-3  # length of the step in parameters whose effect on the outputs is measured
+Unroll = Callable[[RecurrentPolicy], Tensor]
+"""What makes a policy's outputs ``(T, B, n_outputs)`` of the episodes that a step is to be judged by."""
 
 
 def natural_step(
     policy: RecurrentPolicy,
     gradient: list[Tensor],
     outputs: Tensor,
-    unroll: Callable[[RecurrentPolicy], Tensor],
+    unroll: Unroll,
     mask: NDArray[np.bool_],
     damping: float,
     divergence: float,

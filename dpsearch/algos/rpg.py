@@ -23,17 +23,18 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
-from dpsearch.algos.advantages import generalised_advantages
+from dpsearch.algos.advantages import RunningScale, generalised_advantages
 from dpsearch.algos.base import BASELINE, WEIGHTS, Algorithm, Env, Metrics
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
-from dpsearch.algos.natural_gradient import natural_step
+from dpsearch.algos.mirror import Mirror
+from dpsearch.algos.natural_gradient import Unroll, natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer, normalise_gradient
 from dpsearch.algos.progress import Progress
 from dpsearch.algos.quadratic_baseline import QuadraticBaseline
 from dpsearch.algos.settings import FINITE, positive_or_none, require
 from dpsearch.kernels.philox import stream_key
-from dpsearch.policies import Categorical
+from dpsearch.policies import Categorical, RecurrentPolicy
 from dpsearch.rollout import Episodes, Pieces, Stream
 
 BASELINES = ("constant", "shared", "history", "quadratic")
@@ -78,8 +79,7 @@ class RPGConfig:
             disasters count for little.
         advantage_memory: Of that running mean, from batch to batch; 1 for the mean over all batches, so that a policy
             that has learned to avoid disasters is not unsettled by trifles that come to look large beside one another.
-        entropy_bonus: Weight of the policy's entropy, summed over an episode's steps, beside its return: keeps a policy
-            from settling before it has tried enough.
+        entropy_bonus: Weight of the entropy, summed over an episode's steps: keeps a policy from settling too early.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
         natural_step: If given, the gradient is replaced by the natural one (see ``natural_gradient``), of the length
             that, at a ``learning_rate`` of 1, makes the actions' distribution at an average step differ by this many
@@ -92,6 +92,8 @@ class RPGConfig:
         update_steps: If given, learn from one continuing stream, every so many steps, instead of from batches of whole
             episodes: for tasks that go on (section 3.4.4). The gradient is cut off where the update is, the recurrent
             state is carried on, and what the baseline expects there completes the returns.
+        mirror: If left and right are alike: by what a mirror multiplies each number of an observation and then of an
+            action, 1 or -1. Natural steps of a Gaussian policy then fit each episode and its image; see ``Mirror``.
         variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
             finite as sigma goes to 0.
     """
@@ -122,6 +124,7 @@ class RPGConfig:
     restart_episodes: int | None = None
     restart_gain: float = 0.0
     update_steps: int | None = None
+    mirror: list[float] | None = None
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
@@ -161,6 +164,10 @@ class RPGConfig:
                     self.update_steps is None or (self.update_steps >= 1 and self.batch_steps is None),
                     "at least 1 or null; batch_steps, which is for batches of whole episodes, must be null beside it",
                 ),
+                "mirror": (
+                    self.mirror is None or (self.natural_step is not None and self.baseline != "history"),
+                    "null, or beside a natural_step and another baseline than history",
+                ),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
         )
@@ -183,6 +190,7 @@ class RPG(Algorithm[RPGConfig]):
         if self.config.variance_scaled:
             head = self.policy.head  # refused now, not when it learns
             head.scaled_eligibilities(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size), torch.ones(1))
+        self.mirror = None if self.config.mirror is None else Mirror(self.config.mirror, self.policy)
         self.stream = None if self.config.update_steps is None else Stream(self.rollouts, self.training_key)
         self.starts = 0
         self._begin()
@@ -199,7 +207,7 @@ class RPG(Algorithm[RPGConfig]):
         )
         self.batch_size = self.config.batch_size
         self._reward = 0.0  # of a step of the stream, in the last update
-        self._mean_square = 0.0  # of the advantages, a moving average over batches
+        self.advantage_scale = RunningScale(self.config.advantage_memory)
 
     def _make_baseline(self) -> Baseline:
         config, policy = self.config, self.policy
@@ -289,9 +297,16 @@ class RPG(Algorithm[RPGConfig]):
             The mean ``entropy`` in nats, and the ``explained_variance``: what part of the R_t's the baseline foresaw.
         """
         policy, head, config = self.policy, self.policy.head, self.config
+        played, divergence = len(episodes), config.natural_step
+        if self.mirror is not None:
+            episodes = self.mirror.doubled(episodes, policy)
         count = len(episodes) if self.stream is None else 1  # the pieces of a stream are one episode
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)
+
+        def outputs(other: RecurrentPolicy) -> Tensor:
+            return other.distribution(other.unroll(observations, actions, episodes.seen, state), actions, state)
+
         features = policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
         foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
@@ -299,10 +314,11 @@ class RPG(Algorithm[RPGConfig]):
         surprises: NDArray[np.float32] = returns - baseline
         if episodes.padded:
             surprises *= episodes.mask
-        self.progress.note(returns[0])
+        self.progress.note(returns[0, :played])
         advantages = generalised_advantages(episodes, surprises, config.gamma, config.trace)  # (T, N)
         if config.normalise_advantages:
-            scale = self._running_scale(advantages[episodes.mask])
+            self.advantage_scale.note(advantages[episodes.mask])
+            scale = self.advantage_scale.value
             advantages = advantages / scale
             loss = None if loss is None else loss / scale**2
         weights: NDArray[np.float32] = advantages / np.float32(-count)  # minus, as optimisers descend
@@ -321,11 +337,12 @@ class RPG(Algorithm[RPGConfig]):
             extra = None if bonus is None else torch.from_numpy(bonus)
             slopes, entropies = eligible(seen, actions, torch.from_numpy(weights), extra)
             entropy = entropies.numpy()
-        if config.natural_step is not None:
-            divergence = config.natural_step
+            if self.mirror is not None:
+                self.mirror.reflect(slopes)
+        if divergence is not None:
             if self.stream is not None and config.normalise_advantages:  # where all goes as expected, little is learned
                 divergence *= min(float(np.square(advantages[episodes.mask]).mean()), 1.0)
-            self._ascend_naturally(episodes, end, slopes, divergence)
+            self._ascend_naturally(end, slopes, outputs, episodes.mask, divergence)
         elif loss is None:
             end.backward(slopes)  # through time, section 3.3.3
         else:
@@ -335,32 +352,14 @@ class RPG(Algorithm[RPGConfig]):
         (entropy_mean, _), (_, spread), (_, left) = episodes.moments(entropy, returns, surprises)
         return {"entropy": entropy_mean, "explained_variance": 1.0 - left / spread if spread > 0.0 else 0.0}
 
-    def _ascend_naturally(self, episodes: Episodes, outputs: Tensor, eligibilities: Tensor, divergence: float) -> None:
+    def _ascend_naturally(
+        self, outputs: Tensor, eligibilities: Tensor, unroll: Unroll, mask: NDArray[np.bool_], divergence: float
+    ) -> None:
         """Set the parameters' ``grad`` to minus the natural step that belongs to eligibilities ``(T, N, K)``."""
-        observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
-        state = None if episodes.state is None else torch.from_numpy(episodes.state)
-        gradient = torch.autograd.grad(outputs, self.parameters, eligibilities, retain_graph=True)
-        steps = natural_step(
-            self.policy,
-            [-part for part in gradient],
-            outputs,
-            lambda policy: policy.distribution(
-                policy.unroll(observations, actions, episodes.seen, state), actions, state
-            ),
-            episodes.mask,
-            self.config.damping,
-            divergence,
-        )
+        gradient = [-part for part in torch.autograd.grad(outputs, self.parameters, eligibilities, retain_graph=True)]
+        steps = natural_step(self.policy, gradient, outputs, unroll, mask, self.config.damping, divergence)
         for parameter, step in zip(self.parameters, steps, strict=True):
             parameter.grad = -step  # optimisers descend
-
-    def _running_scale(self, advantages: NDArray[np.float32]) -> float:
-        """Root mean square of the advantages ``(M,)`` of this batch and, less and less, those before."""
-        memory, batches = self.config.advantage_memory, self.updates - self._first_update + 1
-        share = 1.0 / batches if memory == 1.0 else 1.0 - memory
-        self._mean_square += share * (float(np.square(advantages).mean()) - self._mean_square)
-        counted = 1.0 if memory == 1.0 else 1.0 - memory**batches  # it begins with 0
-        return max(math.sqrt(self._mean_square / counted), 1e-8)
 
     def _halved(self, halflife: float | None) -> float:
         """What is left of something at this update."""
@@ -379,9 +378,10 @@ class RPG(Algorithm[RPGConfig]):
             "optimizer": self.optimizer.state_dict(),
             "baseline": self.baseline.state_dict(),
             "batch_size": self.batch_size,
-            "mean_square": self._mean_square,
+            "advantage_scale": self.advantage_scale.state_dict(),
             "start": [self.starts, self._first_update],
             "progress": self.progress.state_dict(),
+            "mirror": None if self.mirror is None else self.mirror.state_dict(),
             "stream": None if self.stream is None else self.stream.state_dict(),
         }
 
@@ -391,8 +391,10 @@ class RPG(Algorithm[RPGConfig]):
         self.optimizer.load_state_dict(state["optimizer"])
         self.baseline.load_state_dict(state["baseline"])
         self.batch_size = state["batch_size"]
-        self._mean_square = state["mean_square"]
+        self.advantage_scale.load_state_dict(state["advantage_scale"])
         self.starts, self._first_update = state["start"]
         self.progress.load_state_dict(state["progress"])
+        if self.mirror is not None:
+            self.mirror.load_state_dict(state["mirror"])
         if self.stream is not None:
             self.stream.load_state_dict(state["stream"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from dpsearch.algos.advantages import generalised_advantages
+from dpsearch.algos.advantages import RunningScale, generalised_advantages
 from tests.algos.makers import gradients, small_rpg
 
 
@@ -48,22 +48,20 @@ def test_advantages_are_sums_of_one_step_errors(trace: float) -> None:
         assert not advantages[length:, n].any()
 
 
-def test_advantages_are_scaled_over_many_batches_so_that_a_disaster_stays_large() -> None:
-    rpg = small_rpg(normalise_advantages=True)
-    calm, disaster = np.full(10, 0.5, np.float32), np.full(10, -100.0, np.float32)
-    assert rpg._running_scale(calm) == pytest.approx(0.5)
-    for rpg.updates in range(1, 200):
-        rpg._running_scale(calm)
-    rpg.updates += 1
-    assert 10.0 < rpg._running_scale(disaster) < 20.0  # by itself it would be 100
+def test_the_scale_is_of_many_batches_so_that_a_disaster_stays_large() -> None:
+    scale, calm = RunningScale(0.98), np.full(10, 0.5, np.float32)
+    for _ in range(200):
+        scale.note(calm)
+        assert scale.value == pytest.approx(0.5)
+    scale.note(np.full(10, -100.0, np.float32))
+    assert 10.0 < scale.value < 20.0  # by itself it would be 100
 
 
 def test_a_scale_that_forgets_nothing_is_the_mean_over_all_batches() -> None:
-    rpg = small_rpg(normalise_advantages=True, advantage_memory=1.0)
-    sizes = np.array([8.0, *[0.5] * 199])
-    for rpg.updates, size in enumerate(sizes):
-        scale = rpg._running_scale(np.full(10, size, np.float32))
-    assert scale == pytest.approx(np.sqrt(np.square(sizes).mean()))
+    scale, sizes = RunningScale(1.0), np.array([8.0, *[0.5] * 199])
+    for size in sizes:
+        scale.note(np.full(10, size, np.float32))
+    assert scale.value == pytest.approx(np.sqrt(np.square(sizes).mean()))
 
 
 def test_a_task_in_other_units_is_learned_alike_when_advantages_are_scaled() -> None:
