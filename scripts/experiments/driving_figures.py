@@ -83,12 +83,14 @@ def _while_learning(axes: Axes, results: Results) -> None:
     cells = zip(results.cells, results.outcomes, strict=True)
     # Those that learned while driving
     drives = [(cell, outcomes) for cell, outcomes in cells if "off_seconds" in outcomes[0]]
-    for number, (cell, outcomes) in enumerate(drives):
+    methods = list(dict.fromkeys(cell.method.name for cell, _ in drives))
+    simulators = list(dict.fromkeys(cell.task for cell, _ in drives))
+    for cell, outcomes in drives:
         minutes = [outcome["off_seconds"][:30] for outcome in outcomes]
         means = np.mean(minutes, axis=0)
         x = np.arange(len(means)) + 0.5
-        colour = COLOURS[number % len(COLOURS)]
-        axes.plot(x, means, color=colour, linewidth=1.5, label=f"{cell.task}: {cell.method.label}")
+        colour, line = COLOURS[methods.index(cell.method.name)], ("-", "--")[simulators.index(cell.task)]
+        axes.plot(x, means, line, color=colour, linewidth=1.5, label=f"{cell.task}: {cell.method.label}")
         if len(minutes) > 1:
             bands = [bootstrap_interval([m[i] for m in minutes], "mean") for i in range(len(means))]
             low, high = np.array([band or (np.nan, np.nan) for band in bands]).T

@@ -25,6 +25,7 @@ from scripts.experiments.jobs import Outcome
 # Settings that came after the first logs of runs, with what had been meant before: they count if they differ.
 LATER: dict[str, Any] = {
     "readout": True,
+    "mirror": None,
     "previous_action": False,
     "learning_rate_halflife": None,
     "trace": 1.0,

@@ -1,0 +1,119 @@
+"""Episodes and their mirror images: what is doubled, what the gradient makes of it, and what is carried on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from dpsearch.algos import RPG
+from dpsearch.algos.mirror import Mirror
+from dpsearch.algos.rpg import RPGConfig
+from dpsearch.envs.track import Track
+from dpsearch.policies import PolicyConfig
+from dpsearch.rollout import Pieces
+from tests.algos.makers import gradients
+
+POLES = [-1.0] * 4  # two angles and a place seen, one action
+ROAD = [1.0, -1.0, -1.0, -1.0, -1.0]  # a speed is the same in a mirror
+
+
+def short_drive() -> Track:
+    return Track(speed_profile=(30.0, 70.0, 60.0), stuck_seconds=0.2)
+
+
+def driver(**settings: Any) -> RPG:
+    policy = PolicyConfig(hidden_size=4, init_range=0.3, previous_action=True, noise_memory=0.5)
+    given = {"gradient_length": None, "learning_rate": 1e-4, "natural_step": 0.1, "mirror": ROAD}
+    return RPG(short_drive, policy=policy, seed=2, **given | settings)
+
+
+def balancer(**settings: Any) -> RPG:
+    """An Elman net without biases: what it does in the mirror is what a mirror shows it doing."""
+    policy = PolicyConfig(core="rnn", hidden_size=4, init_range=0.3, bias=False)
+    given = {"natural_step": 0.01, "gradient_length": None, "gamma": 0.9, "baseline_episodes": 0}
+    return RPG("dpsearch/DoublePoleHidden-v0", policy=policy, seed=1, **given | settings)
+
+
+def test_behind_the_episodes_are_their_images_which_earned_the_same() -> None:
+    rpg = balancer()
+    played = rpg.play_batch(5)
+    both = Mirror(POLES, rpg.policy).doubled(played, rpg.policy)
+    assert len(both) == 10
+    for original, doubled in ((played.observations, both.observations), (played.actions, both.actions)):
+        np.testing.assert_array_equal(doubled[:, :5], original)
+        np.testing.assert_array_equal(doubled[:, 5:], -original)
+    for name in ("lengths", "terminated", "returns", "rewards", "mask"):
+        np.testing.assert_array_equal(getattr(both, name)[..., 5:], getattr(played, name))
+    np.testing.assert_array_equal(both.returns_to_go(0.9)[:, 5:], played.returns_to_go(0.9))
+
+
+def test_a_policy_that_is_the_same_in_the_mirror_learns_the_same_from_an_image() -> None:
+    steps = []
+    for mirror in (None, POLES):
+        rpg = balancer(mirror=mirror)
+        with torch.no_grad():
+            rpg.policy.readout.weight[1] = 0.0  # of the deviation, which then is the same in the mirror too
+        rpg.backpropagate(rpg.play_batch(10))
+        of_the_deviation = rpg.policy.readout.weight.grad
+        assert of_the_deviation is not None
+        assert mirror is None or of_the_deviation[1].abs().max() < 1e-5  # what differs in the mirror cancels out
+        of_the_deviation[1] = 0.0
+        steps.append(gradients(rpg) / np.linalg.norm(gradients(rpg)))
+    assert steps[0] @ steps[1] > 0.999
+
+
+def test_images_are_taught_by_the_noise_in_the_actions_not_by_the_actions() -> None:
+    rpg = balancer(mirror=POLES)
+    assert rpg.mirror is not None
+    eligibilities = torch.arange(24.0).view(3, 4, 2)
+    kept = eligibilities[:, :2].clone()
+    rpg.mirror.reflect(eligibilities)
+    torch.testing.assert_close(eligibilities[:, :2], kept)
+    torch.testing.assert_close(eligibilities[:, 2:], kept * torch.tensor([-1.0, 1.0]))  # the mean, and the deviation
+
+
+def test_the_memory_of_a_mirrored_stream_is_carried_on() -> None:
+    rpg = driver(update_steps=60, baseline="quadratic")
+    assert rpg.stream is not None
+    mirror, seen, done = Mirror(ROAD, rpg.policy), [], []
+    for _ in range(8):
+        pieces = rpg.stream.play(rpg.policy, 60)
+        both = mirror.doubled(pieces, rpg.policy)
+        assert isinstance(both, Pieces)
+        assert not both.memory[len(pieces) + 1 :].any()
+        if len(pieces) > 1 or pieces.begins:
+            seen, done = [], []
+        elif seen:
+            history = torch.from_numpy(np.concatenate(seen)), torch.from_numpy(np.concatenate(done))
+            _, expected = rpg.policy(history[0][:, None], None, history[1][:, None])
+            np.testing.assert_allclose(both.memory[1], expected[0].detach().numpy(), rtol=1e-4, atol=1e-5)
+            return
+        steps = int(pieces.lengths[-1])
+        seen.append(both.observations[:steps, -1])
+        done.append(both.actions[:steps, -1])
+    pytest.fail("no episode went on for two updates")
+
+
+@pytest.mark.parametrize("settings", [{"update_steps": 64, "baseline": "quadratic"}, {"batch_size": 3}])
+def test_it_goes_on_bit_for_bit(settings: dict[str, Any], tmp_path: Path) -> None:
+    whole = driver(**settings).learn(total_updates=5)
+    driver(**settings).learn(total_updates=3).save(tmp_path / "half.pt")
+    other = RPG.load(tmp_path / "half.pt", env=short_drive).learn(total_updates=5)
+    np.testing.assert_array_equal(other.policy.vector(), whole.policy.vector())
+
+
+def test_signs_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match="1 or -1 for each of 4 numbers observed and 1 of an action"):
+        driver(mirror=[1.0, -1.0])
+    with pytest.raises(ValueError, match="1 or -1"):
+        driver(mirror=[0.5, *ROAD[1:]])
+    with pytest.raises(ValueError, match="the actions those of a Box"):
+        RPG("dpsearch/TMaze-v0", natural_step=0.1, gradient_length=None, mirror=[1.0] * 4)
+    with pytest.raises(ValueError, match="mirror must be null, or beside a natural_step"):
+        RPGConfig(mirror=ROAD)
+    with pytest.raises(ValueError, match="another baseline than history"):
+        RPGConfig(mirror=ROAD, natural_step=0.1, gradient_length=None, baseline="history")
