@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from dpsearch.algos import RPG
 from dpsearch.algos.mirror import Mirror
@@ -79,7 +80,9 @@ def test_images_are_taught_by_the_noise_in_the_actions_not_by_the_actions() -> N
 def test_the_memory_of_a_mirrored_stream_is_carried_on() -> None:
     rpg = driver(update_steps=60, baseline="quadratic")
     assert rpg.stream is not None
-    mirror, seen, done = Mirror(ROAD, rpg.policy), [], []
+    mirror = Mirror(ROAD, rpg.policy)
+    seen: list[NDArray[np.float32]] = []
+    done: list[NDArray[np.float32]] = []
     for _ in range(8):
         pieces = rpg.stream.play(rpg.policy, 60)
         both = mirror.doubled(pieces, rpg.policy)
