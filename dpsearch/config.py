@@ -20,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dpsearch.algos import ALGORITHMS
 from dpsearch.algos.settings import require
+from dpsearch.envs.driving import mirror_signs
 from dpsearch.envs.pomdp_reader import read_discount
 from dpsearch.envs.pomdp_tokens import PomdpFileError
 from dpsearch.policies import PolicyConfig
@@ -289,9 +290,10 @@ RESUMABLE = frozenset(
 
 
 def register() -> None:
-    """Tell Hydra about the schemas, and OmegaConf what ``configs/env/pomdp.yaml`` takes from the file."""
+    """Tell Hydra about the schemas, and OmegaConf what some files of ``configs`` compute."""
     OmegaConf.register_new_resolver("pomdp_file", _pomdp_file, replace=True)
     OmegaConf.register_new_resolver("pomdp_discount", _pomdp_discount, replace=True)
+    OmegaConf.register_new_resolver("mirror_signs", _mirror_signs, replace=True)
     store = ConfigStore.instance()
     store.store(name="train_schema", node=TrainConfig)
     for group, schemas in (("algo", ALGOS), ("env", ENVS)):
@@ -315,6 +317,11 @@ def _pomdp_discount(*, _parent_: DictConfig) -> float:
         return read_discount(_pomdp_file(_parent_=_parent_))
     except PomdpFileError:
         return 1.0  # for the environment to say what is wrong, in one line that names the file's
+
+
+def _mirror_signs(observations: list[str], speed_profile: Any) -> list[float] | None:
+    """Of a car's observations and actions."""
+    return mirror_signs(observations, pedals=speed_profile is None)
 
 
 def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:

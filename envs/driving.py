@@ -71,27 +71,44 @@ class Scale(NamedTuple):
         mean: Its mean under a decent driver over the thesis's speed profile.
         deviation: Its standard deviation there.
         size: How many numbers it consists of.
+        mirrored: By what a mirror multiplies it; None for numbers that change places in it.
     """
 
     mean: float
     deviation: float
     size: int = 1
+    mirrored: float | None = -1.0
 
 
 OBSERVATIONS: Final[Mapping[str, Scale]] = {
-    "speed": Scale(40.0, 17.3),  # km/h: of the profile, whose deviation is (70 - 10) / sqrt(12)
+    "speed": Scale(40.0, 17.3, mirrored=1.0),  # km/h: of the profile, whose deviation is (70 - 10) / sqrt(12)
     "steering": Scale(0.0, 0.04),  # fraction of the lock
     "position": Scale(0.0, 0.2),  # half widths of the road
     "lookahead": Scale(0.0, 0.12),  # rad
     "angle": Scale(0.0, 0.05),  # rad
     "curvature": Scale(0.0, 0.008),  # 1/m
-    "rays": Scale(20.0, 23.0, len(RAY_ANGLES)),  # m
-    "target": Scale(40.0, 17.3),  # km/h
+    "rays": Scale(20.0, 23.0, len(RAY_ANGLES), mirrored=None),  # m
+    "target": Scale(40.0, 17.3, mirrored=1.0),  # km/h
 }
 """All there is to be seen. The numbers are those of an unsteady hand that heads for the look-ahead point, on random
 tracks. On TORCS' e-track-1 and g-track-2, from 10 to 70 km/h, the thesis's four have means from 0.0 to 0.2, deviations
 from 0.7 to 1.2 under the same hand. A steady one stays nearer to the middle: positions deviate by 0.2 to 0.4."""
 THESIS_OBSERVATIONS: Final = ("speed", "steering", "position", "lookahead")
+
+
+def mirror_signs(observations: Sequence[str], *, pedals: bool) -> list[float] | None:
+    """By what a mirror multiplies each number that is seen, and then each of the action.
+
+    Args:
+        observations: Names of what is seen.
+        pedals: Whether there is more to do than to steer.
+
+    Returns:
+        As ``algo.mirror`` takes them; None if something seen has no sign, as rays or an unknown name.
+    """
+    seen = [OBSERVATIONS[name].mirrored if name in OBSERVATIONS else None for name in observations]
+    signs = [sign for sign in seen if sign is not None]
+    return [*signs, -1.0, *[1.0] * pedals] if len(signs) == len(seen) else None
 
 
 @dataclass(frozen=True)

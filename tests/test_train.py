@@ -291,7 +291,10 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("env=track env.width=-1", r"width must be a finite number of metres, at least 4, got -1\.0"),
         ("env=track env.speed_profile=[10,70]", "speed_profile must be start and end"),
         ("env=track env.observations=[wheel]", "observations must be some of speed"),
-        ("env=track env.observations=[angle]", "algo.mirror must be a 1 or -1 for each of 1 numbers observed and 1 of"),
+        (
+            "env=track algo.mirror=[-1]",
+            "algo.mirror must be a 1 or -1 for each of 4 numbers observed and 1 of an action",
+        ),
         ("env=gym", r"env\.id"),
         ("env=gym env.id=Bogus-v0", "cannot make environment 'Bogus-v0'"),
         ("env=gym env.id=bogus:Bogus-v0", "No module named 'bogus'"),

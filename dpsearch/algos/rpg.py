@@ -93,9 +93,9 @@ class RPGConfig:
             episodes: for tasks that go on (section 3.4.4). The gradient is cut off where the update is, the recurrent
             state is carried on, and what the baseline expects there completes the returns.
         mirror: If left and right are alike: by what a mirror multiplies each number of an observation and then of an
-            action, 1 or -1. Natural steps of a Gaussian policy then fit each episode and its image; see ``Mirror``.
-        variance_scaled: Scale the eligibilities of a Gaussian policy by sigma^2 (Williams 1992), so that they stay
-            finite as sigma goes to 0.
+            action, 1 or -1. Natural steps of a Gaussian policy then fit each episode and its image, which counts as an
+            episode for baselines too; see ``Mirror`` for what that cannot unlearn.
+        variance_scaled: Scale a Gaussian policy's eligibilities by sigma^2 (Williams 1992): finite as sigma goes to 0.
     """
 
     batch_size: int = 20
@@ -124,7 +124,7 @@ class RPGConfig:
     restart_episodes: int | None = None
     restart_gain: float = 0.0
     update_steps: int | None = None
-    mirror: list[float] | None = None
+    mirror: Any = None  # a list: OmegaConf would resolve one too early
     variance_scaled: bool = False
 
     def __post_init__(self) -> None:
@@ -165,8 +165,9 @@ class RPGConfig:
                     "at least 1 or null; batch_steps, which is for batches of whole episodes, must be null beside it",
                 ),
                 "mirror": (
-                    self.mirror is None or (self.natural_step is not None and self.baseline != "history"),
-                    "null, or beside a natural_step and another baseline than history",
+                    self.mirror is None
+                    or not (self.natural_step is None or (self.update_steps and self.baseline == "history")),
+                    "null without a natural_step, and with a history baseline of a stream, which carries one memory on",
                 ),
                 "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
             },
@@ -294,12 +295,13 @@ class RPG(Algorithm[RPGConfig]):
         The baseline learns from the episodes, and ``progress`` notes their returns.
 
         Returns:
-            The mean ``entropy`` in nats, and the ``explained_variance``: what part of the R_t's the baseline foresaw.
+            The mean ``entropy`` in nats, and the ``explained_variance``: what part of the R_t's the baseline foresaw;
+            both over images too, if there are any.
         """
         policy, head, config = self.policy, self.policy.head, self.config
         played, divergence = len(episodes), config.natural_step
         if self.mirror is not None:
-            episodes = self.mirror.doubled(episodes, policy)
+            episodes = self.mirror.doubled(episodes)
         count = len(episodes) if self.stream is None else 1  # the pieces of a stream are one episode
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
         state = None if episodes.state is None else torch.from_numpy(episodes.state)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dpsearch.algos import RPG
 from dpsearch.algos.mirror import Mirror
 from dpsearch.algos.rpg import RPGConfig
+from dpsearch.envs.driving import mirror_signs
 from dpsearch.envs.track import Track
 from dpsearch.policies import PolicyConfig
 from dpsearch.rollout import Pieces
@@ -42,7 +43,7 @@ def balancer(**settings: Any) -> RPG:
 def test_behind_the_episodes_are_their_images_which_earned_the_same() -> None:
     rpg = balancer()
     played = rpg.play_batch(5)
-    both = Mirror(POLES, rpg.policy).doubled(played, rpg.policy)
+    both = Mirror(POLES, rpg.policy).doubled(played)
     assert len(both) == 10
     for original, doubled in ((played.observations, both.observations), (played.actions, both.actions)):
         np.testing.assert_array_equal(doubled[:, :5], original)
@@ -85,7 +86,7 @@ def test_the_memory_of_a_mirrored_stream_is_carried_on() -> None:
     done: list[NDArray[np.float32]] = []
     for _ in range(8):
         pieces = rpg.stream.play(rpg.policy, 60)
-        both = mirror.doubled(pieces, rpg.policy)
+        both = mirror.doubled(pieces)
         assert isinstance(both, Pieces)
         assert not both.memory[len(pieces) + 1 :].any()
         if len(pieces) > 1 or pieces.begins:
@@ -114,9 +115,37 @@ def test_signs_that_do_not_fit_are_refused() -> None:
         driver(mirror=[1.0, -1.0])
     with pytest.raises(ValueError, match="1 or -1"):
         driver(mirror=[0.5, *ROAD[1:]])
-    with pytest.raises(ValueError, match="the actions those of a Box"):
+    with pytest.raises(ValueError, match="needs a Gaussian policy"):
         RPG("dpsearch/TMaze-v0", natural_step=0.1, gradient_length=None, mirror=[1.0] * 4)
-    with pytest.raises(ValueError, match="mirror must be null, or beside a natural_step"):
+    with pytest.raises(ValueError, match="mirror must be null without a natural_step"):
         RPGConfig(mirror=ROAD)
-    with pytest.raises(ValueError, match="another baseline than history"):
-        RPGConfig(mirror=ROAD, natural_step=0.1, gradient_length=None, baseline="history")
+    with pytest.raises(ValueError, match="history baseline of a stream"):
+        RPGConfig(mirror=ROAD, natural_step=0.1, gradient_length=None, baseline="history", update_steps=100)
+
+
+def test_images_do_not_use_up_the_patience_of_a_start() -> None:
+    rpg = balancer(mirror=POLES, restart_episodes=25, restart_gain=100.0, batch_size=10)
+    rpg.learn(total_updates=6)  # the first 25 episodes, in three batches, set the bar; three more use up patience
+    assert rpg.starts == 1
+    rpg.learn(total_updates=7)
+    assert rpg.starts == 2
+
+
+def test_what_is_lopsided_in_a_policy_is_left_as_it_is() -> None:
+    """The images' share of a gradient is that of a symmetric policy."""
+    rpg = balancer(mirror=POLES)
+    assert rpg.mirror is not None
+    outputs = torch.ones(1, 1, 2)
+    alone = torch.randn(1, 1, 2, generator=torch.Generator().manual_seed(0))
+    both = torch.cat((alone, torch.zeros(1, 1, 2)), 1)
+    rpg.mirror.reflect(both)
+    constant = (both * torch.cat((outputs, outputs), 1)).sum((0, 1))  # of a bias of the mean, and of the deviation
+    assert constant[0] == 0.0
+    assert constant[1] == 2.0 * alone[0, 0, 1]
+
+
+def test_a_car_s_signs_fit_what_it_sees() -> None:
+    assert mirror_signs(("speed", "steering", "position", "lookahead"), pedals=False) == ROAD
+    assert mirror_signs(("target", "curvature", "angle"), pedals=True) == [1.0, -1.0, -1.0, -1.0, 1.0]
+    assert mirror_signs(("speed", "rays"), pedals=False) is None  # they change places
+    assert mirror_signs(("wheel",), pedals=False) is None  # for the environment to refuse
