@@ -83,8 +83,7 @@ class RPGConfig:
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
         natural_step: If given, the gradient is replaced by the natural one (see ``natural_gradient``), of the length
             that, at a ``learning_rate`` of 1, makes the actions' distribution at an average step differ by this many
-            nats of KL divergence: however the weights are scaled, a policy is not changed by more than can be
-            judged from one batch.
+            nats of KL divergence, however the weights are scaled: no more than can be judged from one batch.
         damping: Added to the diagonal of the Fisher information matrix of the natural gradient.
         restart_episodes: If given, learning begins again from other random weights whenever so many episodes brought it
             no further: on some tasks most starts lead to a policy that is hard to improve, and a few lead past it.
@@ -93,8 +92,7 @@ class RPGConfig:
             episodes: for tasks that go on (section 3.4.4). The gradient is cut off where the update is, the recurrent
             state is carried on, and what the baseline expects there completes the returns.
         mirror: If left and right are alike: by what a mirror multiplies each number of an observation and then of an
-            action, 1 or -1. Natural steps of a Gaussian policy then fit each episode and its image, which counts as an
-            episode for baselines too; see ``Mirror`` for what that cannot unlearn.
+            action, 1 or -1. Natural steps of a Gaussian policy, and baselines, then fit images too; see ``Mirror``.
         variance_scaled: Scale a Gaussian policy's eligibilities by sigma^2 (Williams 1992): finite as sigma goes to 0.
     """
 
