@@ -97,7 +97,7 @@ def _while_learning(axes: Axes, results: Results) -> None:
             axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0.0)
     axes.set(xlabel="minutes of driving", ylabel="off the road, s a minute")
     axes.set_title("While learning")
-    axes.set_ylim(0.0, 90.0)  # room for the legend
+    axes.set_ylim(0.0, 55.0 + 8.0 * len(drives))  # room for the legend
     axes.legend(fontsize=7, loc="upper left")
 
 
