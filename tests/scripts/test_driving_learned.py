@@ -21,5 +21,5 @@ def seconds_off_the_road(seed: int) -> tuple[float, float]:
 
 def test_a_car_learns_to_stay_on_the_road_while_it_drives() -> None:
     before, after = np.median([seconds_off_the_road(seed) for seed in range(3)], axis=0)
-    assert before > 0.5  # it is put back after 0.3 s
-    assert after < 0.3
+    assert before > 0.2  # it has left the road once at least, and been put back after 0.3 s
+    assert after < 0.2
