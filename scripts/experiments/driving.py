@@ -57,7 +57,7 @@ FASTER = Method(
 )
 ONE_SIDED = Method("rpg_one_sided", "RPG, our settings, no mirror images", ("algo=rpg", "algo.mirror=null"))
 FASTER_ONE_SIDED = Method(
-    "rpg_faster_one_sided", f"{FASTER.label}, no mirror images", (*FASTER.overrides, *ONE_SIDED.overrides[1:])
+    "rpg_faster_one_sided", f"{FASTER.label}, no mirror images", (*FASTER.overrides, "algo.mirror=null")
 )
 RISING = (FASTER, FASTER_ONE_SIDED)
 METHODS = {method.name: method for method in (OURS, ONE_SIDED, THESIS, FASTER, FASTER_ONE_SIDED, SEARCH, PEDALS)}
