@@ -25,19 +25,15 @@ from typing_extensions import override
 
 from dpsearch.algos.advantages import RunningScale, generalised_advantages
 from dpsearch.algos.base import BASELINE, WEIGHTS, Algorithm, Env, Metrics
-from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
-from dpsearch.algos.history_baseline import HistoryBaseline
+from dpsearch.algos.make_baseline import BASELINES, make_baseline
 from dpsearch.algos.mirror import Mirror
 from dpsearch.algos.natural_gradient import Unroll, natural_step
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer, normalise_gradient
 from dpsearch.algos.progress import Progress
-from dpsearch.algos.quadratic_baseline import QuadraticBaseline
 from dpsearch.algos.settings import FINITE, positive_or_none, require
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import Categorical, RecurrentPolicy
 from dpsearch.rollout import Episodes, Pieces, Stream
-
-BASELINES = ("constant", "shared", "history", "quadratic")
 
 
 @dataclass
@@ -80,6 +76,7 @@ class RPGConfig:
         advantage_memory: Of that running mean, from batch to batch; 1 for the mean over all batches, so that a policy
             that has learned to avoid disasters is not unsettled by trifles that come to look large beside one another.
         entropy_bonus: Weight of the entropy, summed over an episode's steps: keeps a policy from settling too early.
+            Below 0 it is a price on noise, for tasks where that will cost more later than it does as one learns.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
         natural_step: If given, the gradient is replaced by the natural one (see ``natural_gradient``), of the length
             that, at a ``learning_rate`` of 1, makes the actions' distribution at an average step differ by this many
@@ -145,7 +142,7 @@ class RPGConfig:
                 "baseline_steps": (self.baseline_steps >= 1, "at least 1"),
                 "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
-                "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
+                "entropy_bonus": (math.isfinite(self.entropy_bonus), "finite"),
                 "entropy_halflife": (positive_or_none(self.entropy_halflife), FINITE),
                 "natural_step": (
                     self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
@@ -199,7 +196,7 @@ class RPG(Algorithm[RPGConfig]):
         self.starts += 1
         self._first_update = self.updates
         self.progress = Progress(self.config.restart_episodes, self.config.restart_gain)
-        self.baseline = self._make_baseline()
+        self.baseline = make_baseline(self.config, self.policy, self._weights_seed(BASELINE))
         self.parameters = [*self.policy.free_parameters(), *self.baseline.parameters()]
         self.optimizer = make_optimizer(
             self.config.optimizer, self.parameters, self.config.learning_rate, self.config.optimizer_options
@@ -207,28 +204,6 @@ class RPG(Algorithm[RPGConfig]):
         self.batch_size = self.config.batch_size
         self._reward = 0.0  # of a step of the stream, in the last update
         self.advantage_scale = RunningScale(self.config.advantage_memory)
-
-    def _make_baseline(self) -> Baseline:
-        config, policy = self.config, self.policy
-        if config.baseline == "constant":
-            return ConstantBaseline(config.baseline_episodes)
-        if config.baseline == "shared":
-            return SharedBaseline(policy.hidden_size, config.baseline_weight)
-        if config.baseline == "quadratic":
-            return QuadraticBaseline(policy.observation_size)
-        try:
-            return HistoryBaseline(
-                policy.observation_size,
-                policy.head,
-                hidden_size=config.baseline_cells,
-                optimizer=config.baseline_optimizer,
-                learning_rate=config.baseline_learning_rate,
-                optimizer_options=config.baseline_optimizer_options,
-                steps=config.baseline_steps,
-                seed=self._weights_seed(BASELINE),
-            )
-        except ValueError as error:
-            raise ValueError(f"baseline_{error}") from error
 
     def _weights_seed(self, purpose: int) -> int:
         """Of the weights of this start, other ones for each; 63 bits, as torch takes."""
@@ -296,18 +271,17 @@ class RPG(Algorithm[RPGConfig]):
             The mean ``entropy`` in nats, and the ``explained_variance``: what part of the R_t's the baseline foresaw;
             both over images too, if there are any.
         """
-        policy, head, config = self.policy, self.policy.head, self.config
-        played, divergence = len(episodes), config.natural_step
+        config, played = self.config, len(episodes)
         if self.mirror is not None:
             episodes = self.mirror.doubled(episodes)
         count = len(episodes) if self.stream is None else 1  # the pieces of a stream are one episode
         observations, actions = torch.from_numpy(episodes.observations), torch.from_numpy(episodes.actions)
-        state = None if episodes.state is None else torch.from_numpy(episodes.state)
+        state = _memory(episodes)
 
         def outputs(other: RecurrentPolicy) -> Tensor:
             return other.distribution(other.unroll(observations, actions, episodes.seen, state), actions, state)
 
-        features = policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
+        features = self.policy.unroll(observations, actions, episodes.seen, state)  # (T, N, H), a fused call or a few
         foreseen = None if self.stream is None else self.baseline.expected(episodes, features)
         returns = episodes.returns_to_go(config.gamma, foreseen)  # R_t, (T, N), section 2.1
         baseline, loss = self.baseline(episodes, features, returns)
@@ -322,24 +296,9 @@ class RPG(Algorithm[RPGConfig]):
             advantages = advantages / scale
             loss = None if loss is None else loss / scale**2
         weights: NDArray[np.float32] = advantages / np.float32(-count)  # minus, as optimisers descend
-        bonus = None
-        if config.entropy_bonus > 0.0:
-            bonus = episodes.mask * np.float32(config.entropy_bonus * self._halved(config.entropy_halflife) / -count)
-        if isinstance(head, Categorical) and config.natural_step is None and not config.variance_scaled:
-            end = features
-            slopes, entropy = head.backpropagate(policy.readout_layer, features, episodes.actions, weights, bonus)
-        else:
-            end = policy.distribution(features, actions, state)  # (T, N, K)
-            eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
-            seen = end.detach()
-            if episodes.padded:  # what the policy would do there must not matter
-                seen = torch.where(torch.from_numpy(episodes.mask)[..., None], seen, 0.0)
-            extra = None if bonus is None else torch.from_numpy(bonus)
-            slopes, entropies = eligible(seen, actions, torch.from_numpy(weights), extra)
-            entropy = entropies.numpy()
-            if self.mirror is not None:
-                self.mirror.reflect(slopes)
-        if divergence is not None:
+        end, slopes, entropy = self._eligible(episodes, features, weights, count)
+        if config.natural_step is not None:
+            divergence = config.natural_step
             if self.stream is not None and config.normalise_advantages:  # where all goes as expected, little is learned
                 divergence *= min(float(np.square(advantages[episodes.mask]).mean()), 1.0)
             self._ascend_naturally(end, slopes, outputs, episodes.mask, divergence)
@@ -351,6 +310,39 @@ class RPG(Algorithm[RPGConfig]):
             return {"entropy": episodes.moments(entropy)[0][0], "explained_variance": 0.0}
         (entropy_mean, _), (_, spread), (_, left) = episodes.moments(entropy, returns, surprises)
         return {"entropy": entropy_mean, "explained_variance": 1.0 - left / spread if spread > 0.0 else 0.0}
+
+    def _eligible(
+        self, episodes: Episodes, features: Tensor, weights: NDArray[np.float32], count: int
+    ) -> tuple[Tensor, Tensor, NDArray[np.float32]]:
+        """From where to backpropagate what: the eligibilities, each weighted, and the entropy bonus.
+
+        Args:
+            episodes: N of them.
+            features: What the policy remembered, ``(T, N, H)``.
+            weights: Of the eligibilities, ``(T, N)``.
+            count: As how many episodes these are counted.
+
+        Returns:
+            The policy's outputs ``(T, N, K)``, or the features; by how much each is to change; the entropy ``(T, N)``.
+        """
+        policy, head, config = self.policy, self.policy.head, self.config
+        bonus = None
+        if config.entropy_bonus != 0.0:
+            bonus = episodes.mask * np.float32(config.entropy_bonus * self._halved(config.entropy_halflife) / -count)
+        if isinstance(head, Categorical) and config.natural_step is None and not config.variance_scaled:
+            slopes, entropy = head.backpropagate(policy.readout_layer, features, episodes.actions, weights, bonus)
+            return features, slopes, entropy
+        actions = torch.from_numpy(episodes.actions)
+        outputs = policy.distribution(features, actions, _memory(episodes))  # (T, N, K)
+        eligible = head.scaled_eligibilities if config.variance_scaled else head.eligibilities
+        seen = outputs.detach()
+        if episodes.padded:  # what the policy would do there must not matter
+            seen = torch.where(torch.from_numpy(episodes.mask)[..., None], seen, 0.0)
+        extra = None if bonus is None else torch.from_numpy(bonus)
+        slopes, entropies = eligible(seen, actions, torch.from_numpy(weights), extra)
+        if self.mirror is not None:
+            self.mirror.reflect(slopes)
+        return outputs, slopes, entropies.numpy()
 
     def _ascend_naturally(
         self, outputs: Tensor, eligibilities: Tensor, unroll: Unroll, mask: NDArray[np.bool_], divergence: float
@@ -398,3 +390,8 @@ class RPG(Algorithm[RPGConfig]):
             self.mirror.load_state_dict(state["mirror"])
         if self.stream is not None:
             self.stream.load_state_dict(state["stream"])
+
+
+def _memory(episodes: Episodes) -> Tensor | None:
+    """Before the first step, ``(N, state_size)``; None for none."""
+    return None if episodes.state is None else torch.from_numpy(episodes.state)
