@@ -15,6 +15,7 @@ in exactly, as the cross-entropy with the policy that played, and only differenc
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -53,6 +54,9 @@ class LRWRConfig:
         discount_steps: Count step t of an episode by gamma^t. The return at t = 0 says no more than that about what was
             done at t; the rest is chance, which in episodes of 1000 steps drowns everything. It has no place where
             steps have gains of their own.
+        imitated_steps: Most steps of an episode that are imitated, its first; None for all. What comes later counts in
+            their returns all the same. Where steps have gains of their own, and an episode is much the same all along,
+            the first half of a long one teaches as much.
         control_variate: Put the mean utility's share of the log-likelihood in exactly, for all actions by their
             probabilities, and sample the rest only. The expected loss stays what it is, but for 1/N of it, an episode's
             share in its own mean; there is less noise.
@@ -80,6 +84,7 @@ class LRWRConfig:
     baseline: str = "none"
     baseline_weight: float = 0.03
     discount_steps: bool = True
+    imitated_steps: int | None = None
     control_variate: bool = True
     tau: float | None = None
     steepness: float | None = None
@@ -102,6 +107,7 @@ class LRWRConfig:
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (0.0 <= self.baseline_weight < math.inf, "0 or more"),
                 "discount_steps": (not self.discount_steps or self.baseline == "none", "false with a baseline"),
+                "imitated_steps": (self.imitated_steps is None or self.imitated_steps >= 1, "at least 1 or null"),
                 "tau": (positive_or_none(self.tau), FINITE),
                 "steepness": (
                     positive_or_none(self.steepness) and (self.steepness is None or self.tau is None),
@@ -140,8 +146,9 @@ class LRWR(Algorithm[LRWRConfig]):
             self.parameters = [*self.parameters, *self.baseline.parameters()]
         self.gain_scale = RunningScale(SCALE_MEMORY)
         self.optimizer = self._make_optimizer()
-        head = self.policy.head
-        self._distances(torch.zeros(1, head.n_outputs), torch.zeros(1, head.action_size))  # refused now, if it is
+        weights, outputs = torch.zeros(1), torch.zeros(1, self.policy.head.n_outputs)
+        losses_of = self._losses(torch.zeros(1, self.policy.head.action_size), weights, outputs, weights)
+        losses_of(outputs)  # refused now, if it is
 
     def _make_optimizer(self) -> torch.optim.Optimizer:
         config = self.config
@@ -184,9 +191,12 @@ class LRWR(Algorithm[LRWRConfig]):
 
     @property
     def _horizon(self) -> int | None:
-        """Steps of an episode after which, by discount, the others count for nothing; None if all count."""
+        """Steps of an episode that are imitated; None for all. Those that by discount count for nothing are not."""
         gamma = self.config.gamma
-        return math.ceil(math.log(FADED) / math.log(gamma)) if self.config.discount_steps and gamma < 1.0 else None
+        if self.config.discount_steps and gamma < 1.0:
+            faded = math.ceil(math.log(FADED) / math.log(gamma))
+            return min(faded, self.config.imitated_steps or faded)
+        return self.config.imitated_steps
 
     def _remember(self, episodes: Episodes) -> Tensor:
         """The policy's memory, ``(T, N, H)``, with the graph that leads to its weights."""
@@ -219,30 +229,29 @@ class LRWR(Algorithm[LRWRConfig]):
         """
         config, mask = self.config, episodes.mask
         n_held = min(round(config.held_out * len(episodes)), len(episodes) - 1)  # the last ones: all are alike
-        held = np.arange(len(episodes)) >= len(episodes) - n_held
+        trained = np.arange(len(episodes)) < len(episodes) - n_held
         fading = config.gamma ** np.arange(len(mask)) if config.discount_steps else np.ones(len(mask))
         counted = mask * fading[:, None]  # (T, N)
-        weights = torch.from_numpy((utilities * counted).astype(np.float32))
         mean = float(utilities[mask].mean())
-        known = torch.from_numpy((mean * counted).astype(np.float32)) if config.control_variate else None
+        weights, known = ((u * counted).astype(np.float32) for u in (utilities, mean * config.control_variate))
         actions = torch.from_numpy(episodes.actions)
-        before = self.policy.distribution(features, actions).detach()  # (T, N, K)
+        outputs = self.policy.distribution(features, actions)  # (T, N, K)
+        losses_of = self._losses(actions, torch.from_numpy(weights), outputs.detach(), torch.from_numpy(known))
         best, best_loss, since = self.policy.vector(), math.inf, 0
         epochs = 0
         while True:
-            outputs = self.policy.distribution(features, actions)
-            losses = self._losses(outputs, actions, before, weights, known)
+            losses = losses_of(outputs)  # (T, N)
             if n_held:
-                unseen = float(losses.detach()[:, held].sum())
+                unseen = float(losses.detach()[:, -n_held:].sum())
                 since = 0 if unseen < best_loss or epochs <= 1 else since + 1
                 if since == 0:
                     best, best_loss = self.policy.vector(), unseen
                 if since >= config.patience or epochs == config.max_epochs:
                     self.policy.load_vector(best)
                     return epochs
-            loss = losses[:, ~held].sum()
+            loss = losses[:, : len(episodes) - n_held].sum()
             if self.baseline is not None:
-                _, error = self.baseline(episodes, features, returns, mask & ~held)
+                _, error = self.baseline(episodes, features, returns, mask & trained)
                 loss = loss + mean / self.gain_scale.value**2 * error
             if not torch.isfinite(loss):
                 raise FloatingPointError(f"the loss of update {self.updates} is not finite: the steps are too large")
@@ -254,33 +263,14 @@ class LRWR(Algorithm[LRWRConfig]):
             if epochs == config.max_epochs and not n_held:
                 return epochs
             features = self._remember(episodes)
+            outputs = self.policy.distribution(features, actions)
 
-    def _losses(
-        self, outputs: Tensor, actions: Tensor, before: Tensor, weights: Tensor, known: Tensor | None
-    ) -> Tensor:
-        """Equation 6.2.4 by steps, ``(T, N)``.
-
-        Args:
-            outputs: The policy's, ``(T, N, K)``.
-            actions: Those taken, ``(T, N, A)``.
-            before: What its outputs were when it took them, ``(T, N, K)``.
-            weights: How much each step counts, ``(T, N)``.
-            known: The part of it that goes to all actions by their probabilities, ``(T, N)``; None without a control
-                variate.
-        """
-        if known is None:
-            return weights * self._distances(outputs, actions)
-        crossed = self.policy.head.cross_entropy(before, outputs)
-        return (weights - known) * self._distances(outputs, actions) + known * crossed
-
-    def _distances(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        """How far the policy is from doing what was done, ``(T, N)``."""
+    def _losses(self, actions: Tensor, weights: Tensor, before: Tensor, known: Tensor) -> Callable[[Tensor], Tensor]:
+        """What makes equation 6.2.4, by steps ``(T, N)``, of the policy's outputs; see ``Head.imitation_loss``."""
         head = self.policy.head
-        return (
-            -head.log_prob(outputs, actions)
-            if self.config.loss == "likelihood"
-            else head.squared_error(outputs, actions)
-        )
+        if self.config.loss == "squared":
+            return lambda outputs: weights * head.squared_error(outputs, actions)
+        return head.imitation_loss(actions, weights, before, known)
 
     @override
     def state_dict(self) -> dict[str, Any]:

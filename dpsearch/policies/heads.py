@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,23 @@ class Head(ABC):
     @abstractmethod
     def cross_entropy(self, before: Tensor, outputs: Tensor) -> Tensor:
         """Minus the mean log pi(a|h) of actions that other outputs ``before`` would pick, in nats, ``(...)``."""
+
+    def imitation_loss(
+        self, actions: Tensor, weights: Tensor, before: Tensor, known: Tensor
+    ) -> Callable[[Tensor], Tensor]:
+        """How far outputs are from doing what was done, by weight, of which a part goes to what might have been done.
+
+        Args:
+            actions: Those taken, ``(..., action_size)``.
+            weights: How much each step counts, ``(...)``.
+            before: What the outputs were when they were taken, ``(..., n_outputs)``.
+            known: The part of the weights that goes to all actions by their probabilities, ``(...)``.
+
+        Returns:
+            What makes, of outputs ``(..., n_outputs)``, the loss ``(...)``, in nats.
+        """
+        sampled = weights - known
+        return lambda outputs: known * self.cross_entropy(before, outputs) - sampled * self.log_prob(outputs, actions)
 
     def eligibilities(
         self, outputs: Tensor, actions: Tensor, weights: Tensor, bonus: Tensor | None = None
@@ -175,6 +192,15 @@ class Categorical(Head):
     def cross_entropy(self, before: Tensor, outputs: Tensor) -> Tensor:
         groups = zip(self._log_softmax(before), self._log_softmax(outputs), strict=True)
         return -torch.stack([(log_q.exp() * log_p).sum(0) for log_q, log_p in groups]).sum(0)
+
+    @override
+    def imitation_loss(
+        self, actions: Tensor, weights: Tensor, before: Tensor, known: Tensor
+    ) -> Callable[[Tensor], Tensor]:
+        expected = torch.cat(self._log_softmax(before)).exp_()
+        done = self.echo(actions).movedim(-1, 0)
+        targets = (weights - known) * done + known * expected  # (K, ...): the loss is linear in them
+        return lambda outputs: -(torch.cat(self._log_softmax(outputs)) * targets).sum(0)
 
     @override
     def squared_error(self, outputs: Tensor, actions: Tensor) -> Tensor:
