@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dpsearch.algos.policy_search import SNESPolicySearch as SNESPolicySearch
     from dpsearch.algos.policy_search import XNESPolicySearch as XNESPolicySearch
     from dpsearch.algos.rpg import RPG as RPG
-    from dpsearch.algos.rpg import RPGConfig as RPGConfig
+    from dpsearch.algos.rpg_config import RPGConfig as RPGConfig
     from dpsearch.policies import PolicyConfig as PolicyConfig
     from dpsearch.policies import PolicyRunner as PolicyRunner
     from dpsearch.policies import RecurrentPolicy as RecurrentPolicy
@@ -36,7 +36,7 @@ _HOMES = {
     "PolicyConfig": "dpsearch.policies",
     "PolicyRunner": "dpsearch.policies",
     "RPG": "dpsearch.algos.rpg",
-    "RPGConfig": "dpsearch.algos.rpg",
+    "RPGConfig": "dpsearch.algos.rpg_config",
     "RecurrentPolicy": "dpsearch.policies",
     "SNESPolicySearch": "dpsearch.algos.policy_search",
     "XNESPolicySearch": "dpsearch.algos.policy_search",

@@ -12,7 +12,8 @@ from dpsearch.algos.policy_search import (
     SNESPolicySearch,
     XNESPolicySearch,
 )
-from dpsearch.algos.rpg import RPG, RPGConfig
+from dpsearch.algos.rpg import RPG
+from dpsearch.algos.rpg_config import RPGConfig
 
 ALGORITHMS: dict[str, type[Algorithm[Any]]] = {
     algorithm.name: algorithm

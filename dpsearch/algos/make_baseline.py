@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from dpsearch.algos.baselines import Baseline, ConstantBaseline, SharedBaseline
 from dpsearch.algos.history_baseline import HistoryBaseline
 from dpsearch.algos.quadratic_baseline import QuadraticBaseline
+from dpsearch.algos.rpg_config import RPGConfig
 from dpsearch.policies import RecurrentPolicy
-
-if TYPE_CHECKING:
-    from dpsearch.algos.rpg import RPGConfig
-
-BASELINES = ("constant", "shared", "history", "quadratic")
 
 
 def make_baseline(config: RPGConfig, policy: RecurrentPolicy, seed: int) -> Baseline:

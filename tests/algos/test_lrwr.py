@@ -85,6 +85,22 @@ def test_steps_count_by_their_discount(on: bool) -> None:
     np.testing.assert_allclose(lrwr.policy.vector()[-4:], expected, atol=1e-6)
 
 
+def test_of_a_long_episode_the_first_steps_are_imitated_by_the_return_of_the_whole() -> None:
+    settings: dict[str, Any] = {"held_out": 0.0, "optimizer_options": {}, "max_epochs": 1, "control_variate": False}
+    cut, whole = (LRWR(TMAZE, imitated_steps=steps, **settings) for steps in (3, None))
+    cut.update()
+    whole.update()
+    assert cut.tau == whole.tau  # which is made of the returns: those of three steps would be all but alike
+    by_hand = LRWR(TMAZE, **settings)
+    episodes = by_hand.play_batch(30)
+    returns = episodes.returns_to_go(0.98)[0].astype(float)
+    tau = adapted_tau(returns, np.ones(30))
+    assert tau is not None
+    imitate(by_hand, episodes.first(3), np.exp(tau * (returns - returns.max())))
+    np.testing.assert_allclose(cut.policy.vector(), by_hand.policy.vector(), rtol=1e-5)
+    assert np.abs(cut.policy.vector() - whole.policy.vector()).max() > 1e-4
+
+
 def test_tau_can_be_relative_to_what_gains_have_been_like() -> None:
     lrwr = one_choice(batch_size=20, steepness=0.5)
     squares = []
@@ -244,7 +260,7 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        ("batch_size", 1), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0), ("tau", 0.0),
+        ("batch_size", 1), ("imitated_steps", 0), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0), ("tau", 0.0),
         ("steepness", 0.0), ("learning_rate_halflife", -1.0),
         ("loss", "l1"),
         ("held_out", 1.0), ("patience", 0), ("max_epochs", 2.5), ("optimizer", "Sgd"), ("learning_rate", np.inf),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dpsearch.algos import RPG
 from dpsearch.algos.mirror import Mirror
-from dpsearch.algos.rpg import RPGConfig
+from dpsearch.algos.rpg_config import RPGConfig
 from dpsearch.envs.driving import mirror_signs
 from dpsearch.envs.track import Track
 from dpsearch.policies import PolicyConfig

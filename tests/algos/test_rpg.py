@@ -333,6 +333,7 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
         ("batch_size", 2.5),
         ("trace", 1.1),
         ("entropy_bonus", math.inf),
+        ("entropy_end", math.nan),
         ("entropy_halflife", 0.0),
         ("learning_rate_halflife", -1.0),
         ("restart_episodes", 0),

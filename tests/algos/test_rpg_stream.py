@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from dpsearch.algos import RPG
-from dpsearch.algos.rpg import RPGConfig
+from dpsearch.algos.rpg_config import RPGConfig
 from dpsearch.envs.track import Track
 from dpsearch.policies import PolicyConfig
 from tests.rollout.toy_envs import Countdown

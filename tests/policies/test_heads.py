@@ -33,6 +33,17 @@ def test_a_categorical_head_is_a_product_of_softmax_distributions() -> None:
     torch.testing.assert_close(head.cross_entropy(normal(*SHAPE, 9, seed=1), outputs), crossed)
 
 
+def test_imitating_categories_is_linear_in_targets_that_need_no_loss_of_their_own() -> None:
+    head = Categorical([2, 4, 3])
+    outputs = normal(*SHAPE, 9).requires_grad_()
+    actions = head.sample(outputs.detach(), uniform(*SHAPE, 3)).float()
+    arguments = actions, uniform(*SHAPE), normal(*SHAPE, 9, seed=1), 0.7 * torch.ones(SHAPE)
+    losses, expected = head.imitation_loss(*arguments)(outputs), Head.imitation_loss(head, *arguments)(outputs)
+    torch.testing.assert_close(losses, expected)
+    slopes = [torch.autograd.grad(each.sum(), outputs)[0] for each in (losses, expected)]
+    torch.testing.assert_close(*slopes)
+
+
 def test_actions_may_come_as_floats_as_rollouts_record_them() -> None:
     head = Categorical([3])
     outputs = normal(*SHAPE, 3)
