@@ -260,8 +260,8 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        ("batch_size", 1), ("imitated_steps", 0), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0), ("tau", 0.0),
-        ("steepness", 0.0), ("learning_rate_halflife", -1.0),
+        ("batch_size", 1), ("imitated_steps", 0), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0),
+        ("tau", 0.0), ("steepness", 0.0), ("learning_rate_halflife", -1.0),
         ("loss", "l1"),
         ("held_out", 1.0), ("patience", 0), ("max_epochs", 2.5), ("optimizer", "Sgd"), ("learning_rate", np.inf),
     ],
