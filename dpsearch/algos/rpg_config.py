@@ -52,8 +52,10 @@ class RPGConfig:
         advantage_memory: Of that running mean, from batch to batch; 1 for the mean over all batches, so that a policy
             that has learned to avoid disasters is not unsettled by trifles that come to look large beside one another.
         entropy_bonus: Weight of the entropy, summed over an episode's steps: keeps a policy from settling too early.
-        entropy_end: What it tends to; below 0 a price on noise, for where that costs more later than as one learns.
-        entropy_halflife: Updates after which it has come half the way from the one to the other; None keeps the first.
+        entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
+        noise_price: What is taken off that weight after the first ``noise_price_after`` updates: for tasks where noise
+            will cost more later than it does while one learns.
+        noise_price_after: See there.
         natural_step: If given, the gradient is replaced by the natural one (see ``natural_gradient``), of the length
             that, at a ``learning_rate`` of 1, makes the actions' distribution at an average step differ by this many
             nats of KL divergence, however the weights are scaled: no more than can be judged from one batch.
@@ -89,8 +91,9 @@ class RPGConfig:
     normalise_advantages: bool = False
     advantage_memory: float = 0.98
     entropy_bonus: float = 0.0
-    entropy_end: float = 0.0
     entropy_halflife: float | None = None
+    noise_price: float = 0.0
+    noise_price_after: int = 0
     natural_step: float | None = None
     damping: float = 0.01
     restart_episodes: int | None = None
@@ -119,12 +122,10 @@ class RPGConfig:
                 "baseline_steps": (self.baseline_steps >= 1, "at least 1"),
                 "batch_steps": (self.batch_steps is None or self.batch_steps >= 1, "at least 1 or null"),
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
-                "entropy_bonus": (math.isfinite(self.entropy_bonus), "finite"),
-                "entropy_end": (
-                    math.isfinite(self.entropy_end) and (self.entropy_end == 0.0 or self.entropy_halflife is not None),
-                    "finite, and 0 without an entropy_halflife",
-                ),
+                "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
                 "entropy_halflife": (positive_or_none(self.entropy_halflife), FINITE),
+                "noise_price": (0.0 <= self.noise_price < math.inf, "0 or more"),
+                "noise_price_after": (self.noise_price_after >= 0, "0 or more"),
                 "natural_step": (
                     self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
                     "positive or null; with it, gradient_length must be null, optimizer SGD, baseline not shared and "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ from dpsearch.algos.advantages import RunningScale, generalised_advantages
 from tests.algos.makers import gradients, small_rpg
 
 
-@pytest.mark.parametrize("end", [0.0, -0.4])
-def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades_or_becomes_a_price(end: float) -> None:
-    rpg = small_rpg(batch_size=30, entropy_bonus=0.4, entropy_end=end, entropy_halflife=2.0, baseline_episodes=0)
+@pytest.mark.parametrize("price", [0.0, 0.3])
+def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades_and_may_be_followed_by_a_price(
+    price: float,
+) -> None:
+    settings: dict[str, Any] = {"noise_price": price, "noise_price_after": 2, "entropy_halflife": 2.0}
+    rpg = small_rpg(batch_size=30, entropy_bonus=0.4, baseline_episodes=0, **settings)
     episodes = rpg.play_batch(30)
     with_bonus = []
-    for updates in (0, 2):
+    for updates in (0, 1, 2):
         rpg.updates = updates
         rpg.optimizer.zero_grad()
         rpg.backpropagate(episodes)
@@ -29,7 +33,7 @@ def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades_or_becomes_
     outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
     rpg.optimizer.zero_grad()
     (-(rpg.policy.head.entropy(outputs) * mask).sum() / 30).backward()
-    for bonus, both in zip((0.4, 0.2 + end / 2.0), with_bonus, strict=True):
+    for bonus, both in zip((0.4, 0.4 * 0.5**0.5, 0.2 - price), with_bonus, strict=True):
         np.testing.assert_allclose(both, gradients(plain) + bonus * gradients(rpg), rtol=1e-3, atol=1e-5)
 
 
