@@ -54,9 +54,9 @@ class LRWRConfig:
         discount_steps: Count step t of an episode by gamma^t. The return at t = 0 says no more than that about what was
             done at t; the rest is chance, which in episodes of 1000 steps drowns everything. It has no place where
             steps have gains of their own.
-        imitated_steps: Most steps of an episode that are imitated, its first; None for all. What comes later counts in
-            their returns all the same. Where steps have gains of their own, and an episode is much the same all along,
-            the first half of a long one teaches as much.
+        imitated_steps: Most steps of an episode that are imitated, and that the baseline learns from: its first; None
+            for all. What comes later counts in their returns all the same. In shuttle docking 500 of 1000 teach no
+            less. With ``discount_steps`` those that count for nothing are left out in any case.
         control_variate: Put the mean utility's share of the log-likelihood in exactly, for all actions by their
             probabilities, and sample the rest only. The expected loss stays what it is, but for 1/N of it, an episode's
             share in its own mean; there is less noise.
@@ -107,7 +107,10 @@ class LRWRConfig:
                 "baseline": (self.baseline in BASELINES, f"one of {', '.join(BASELINES)}"),
                 "baseline_weight": (0.0 <= self.baseline_weight < math.inf, "0 or more"),
                 "discount_steps": (not self.discount_steps or self.baseline == "none", "false with a baseline"),
-                "imitated_steps": (self.imitated_steps is None or self.imitated_steps >= 1, "at least 1 or null"),
+                "imitated_steps": (
+                    self.imitated_steps is None or (isinstance(self.imitated_steps, int) and self.imitated_steps >= 1),
+                    "a whole number, at least 1, or null",
+                ),
                 "tau": (positive_or_none(self.tau), FINITE),
                 "steepness": (
                     positive_or_none(self.steepness) and (self.steepness is None or self.tau is None),

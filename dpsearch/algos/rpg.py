@@ -173,16 +173,17 @@ class RPG(Algorithm[RPGConfig]):
     def _eligible(
         self, episodes: Episodes, features: Tensor, weights: NDArray[np.float32], count: int
     ) -> tuple[Tensor, Tensor, NDArray[np.float32]]:
-        """From where to backpropagate what: the eligibilities, each weighted, and the entropy bonus.
+        """From where to backpropagate what: minus the eligibilities, each weighted, and minus the entropy bonus.
 
         Args:
             episodes: N of them.
             features: What the policy remembered, ``(T, N, H)``.
-            weights: Of the eligibilities, ``(T, N)``.
+            weights: Minus those of the eligibilities, ``(T, N)``.
             count: As how many episodes they count.
 
         Returns:
-            The policy's outputs ``(T, N, K)``, or the features; by how much each is to change; the entropy ``(T, N)``.
+            The policy's outputs ``(T, N, K)``, or the features if the read-out's ``grad`` is set already; the loss's
+            derivatives by them; the entropy ``(T, N)``.
         """
         policy, head, config = self.policy, self.policy.head, self.config
         bonus = None

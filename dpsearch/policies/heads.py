@@ -86,6 +86,8 @@ class Head(ABC):
             What makes, of outputs ``(..., n_outputs)``, the loss ``(...)``, in nats.
         """
         sampled = weights - known
+        if not known.any():
+            return lambda outputs: -sampled * self.log_prob(outputs, actions)
         return lambda outputs: known * self.cross_entropy(before, outputs) - sampled * self.log_prob(outputs, actions)
 
     def eligibilities(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium as gym
 import numpy as np
@@ -99,6 +100,16 @@ def test_of_a_long_episode_the_first_steps_are_imitated_by_the_return_of_the_who
     imitate(by_hand, episodes.first(3), np.exp(tau * (returns - returns.max())))
     np.testing.assert_allclose(cut.policy.vector(), by_hand.policy.vector(), rtol=1e-5)
     assert np.abs(cut.policy.vector() - whole.policy.vector()).max() > 1e-4
+
+
+def test_where_steps_have_gains_of_their_own_the_first_are_imitated_too() -> None:
+    lrwr = LRWR(TMAZE, imitated_steps=3, baseline="shared", discount_steps=False, held_out=0.0, max_epochs=1)
+    with patch.object(lrwr, "imitate", wraps=lrwr.imitate) as imitation:
+        lrwr.update()
+    episodes, utilities, _, returns = imitation.call_args.args
+    played = LRWR(TMAZE).play_batch(30)  # the same episodes
+    assert len(episodes.rewards) == len(utilities) == 3
+    np.testing.assert_array_equal(returns, played.returns_to_go(0.98)[:3])
 
 
 def test_tau_can_be_relative_to_what_gains_have_been_like() -> None:
@@ -260,7 +271,7 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        ("batch_size", 1), ("imitated_steps", 0), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0),
+        ("batch_size", 1), ("imitated_steps", 2.5), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0),
         ("tau", 0.0), ("steepness", 0.0), ("learning_rate_halflife", -1.0),
         ("loss", "l1"),
         ("held_out", 1.0), ("patience", 0), ("max_epochs", 2.5), ("optimizer", "Sgd"), ("learning_rate", np.inf),

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
+from dpsearch.algos import RPG
 from dpsearch.algos.advantages import RunningScale, generalised_advantages
+from dpsearch.policies import PolicyConfig
 from tests.algos.makers import gradients, small_rpg
 
 
@@ -35,6 +38,30 @@ def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades_and_may_be_
     (-(rpg.policy.head.entropy(outputs) * mask).sum() / 30).backward()
     for bonus, both in zip((0.4, 0.4 * 0.5**0.5, 0.2 - price), with_bonus, strict=True):
         np.testing.assert_allclose(both, gradients(plain) + bonus * gradients(rpg), rtol=1e-3, atol=1e-5)
+
+
+def test_gaussian_noise_has_its_price_after_so_many_updates_of_a_start() -> None:
+    rpg = RPG(
+        "dpsearch/DoublePoleHidden-v0", policy=PolicyConfig(hidden_size=3, init_range=0.3), baseline_episodes=0,
+        noise_price=0.3, noise_price_after=2,
+    )  # fmt: skip
+    episodes = rpg.play_batch(10)
+    assert episodes.padded
+
+    def gradient(updates: int) -> NDArray[np.float64]:
+        rpg.optimizer.zero_grad()
+        rpg.updates = updates
+        rpg.backpropagate(episodes)
+        return gradients(rpg)
+
+    free, priced = gradient(1), gradient(2)
+    outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
+    rpg.optimizer.zero_grad()
+    (rpg.policy.head.entropy(outputs) * torch.from_numpy(episodes.mask)).sum().div(10).backward()
+    np.testing.assert_allclose(priced, free + 0.3 * gradients(rpg), rtol=1e-3, atol=1e-5)
+    rpg._first_update = 1  # as after a restart
+    np.testing.assert_array_equal(gradient(2), free)
+    np.testing.assert_array_equal(gradient(3), priced)
 
 
 @pytest.mark.parametrize("trace", [0.0, 0.7, 1.0])

@@ -33,7 +33,7 @@ def test_a_categorical_head_is_a_product_of_softmax_distributions() -> None:
     torch.testing.assert_close(head.cross_entropy(normal(*SHAPE, 9, seed=1), outputs), crossed)
 
 
-def test_imitating_categories_is_linear_in_targets_that_need_no_loss_of_their_own() -> None:
+def test_what_is_put_together_once_is_the_loss_of_imitating_categories() -> None:
     head = Categorical([2, 4, 3])
     outputs = normal(*SHAPE, 9).requires_grad_()
     actions = head.sample(outputs.detach(), uniform(*SHAPE, 3)).float()
