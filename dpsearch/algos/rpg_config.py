@@ -53,8 +53,8 @@ class RPGConfig:
             that has learned to avoid disasters is not unsettled by trifles that come to look large beside one another.
         entropy_bonus: Weight of the entropy, summed over an episode's steps: keeps a policy from settling too early.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
-        noise_price: What is taken off that weight after the first ``noise_price_after`` updates of a start: there is ever
-            less noise then, for as long as the policy learns. For tasks where noise will cost more later on.
+        noise_price: What is taken off that weight after the first ``noise_price_after`` updates of a start: there is
+            ever less noise then, for as long as the policy learns. For tasks where noise will cost more later on.
         noise_price_after: See there.
         natural_step: If given, the gradient is replaced by the natural one (see ``natural_gradient``), of the length
             that, at a ``learning_rate`` of 1, makes the actions' distribution at an average step differ by this many
