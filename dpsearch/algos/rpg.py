@@ -187,11 +187,8 @@ class RPG(Algorithm[RPGConfig]):
         """
         policy, head, config = self.policy, self.policy.head, self.config
         bonus = None
-        worth = config.entropy_bonus * self._halved(config.entropy_halflife)
-        if self.updates - self._first_update >= config.noise_price_after:
-            worth -= config.noise_price
-        if worth != 0.0:
-            bonus = episodes.mask * np.float32(worth / -count)
+        if config.entropy_bonus > 0.0:
+            bonus = episodes.mask * np.float32(config.entropy_bonus * self._halved(config.entropy_halflife) / -count)
         if isinstance(head, Categorical) and config.natural_step is None and not config.variance_scaled:
             slopes, entropy = head.backpropagate(policy.readout_layer, features, episodes.actions, weights, bonus)
             return features, slopes, entropy

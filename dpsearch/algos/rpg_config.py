@@ -53,9 +53,6 @@ class RPGConfig:
             that has learned to avoid disasters is not unsettled by trifles that come to look large beside one another.
         entropy_bonus: Weight of the entropy, summed over an episode's steps: keeps a policy from settling too early.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
-        noise_price: What is taken off that weight after the first ``noise_price_after`` updates of a start: there is
-            ever less noise then, for as long as the policy learns. For tasks where noise will cost more later on.
-        noise_price_after: See there.
         natural_step: If given, the gradient is replaced by the natural one (see ``natural_gradient``), of the length
             that, at a ``learning_rate`` of 1, makes the actions' distribution at an average step differ by this many
             nats of KL divergence, however the weights are scaled: no more than can be judged from one batch.
@@ -92,8 +89,6 @@ class RPGConfig:
     advantage_memory: float = 0.98
     entropy_bonus: float = 0.0
     entropy_halflife: float | None = None
-    noise_price: float = 0.0
-    noise_price_after: int = 0
     natural_step: float | None = None
     damping: float = 0.01
     restart_episodes: int | None = None
@@ -124,11 +119,6 @@ class RPGConfig:
                 "baseline_episodes": (self.baseline_episodes >= 0, "0 or more"),
                 "entropy_bonus": (0.0 <= self.entropy_bonus < math.inf, "0 or more"),
                 "entropy_halflife": (positive_or_none(self.entropy_halflife), FINITE),
-                "noise_price": (0.0 <= self.noise_price < math.inf, "0 or more"),
-                "noise_price_after": (
-                    isinstance(self.noise_price_after, int) and self.noise_price_after >= 0,
-                    "a whole number, 0 or more",
-                ),
                 "natural_step": (
                     self.natural_step is None or (self.natural_step > 0.0 and self._leaves_the_step_alone),
                     "positive or null; with it, gradient_length must be null, optimizer SGD, baseline not shared and "

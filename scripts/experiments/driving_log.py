@@ -85,6 +85,12 @@ class Drive:
         off = self.off_road[-STEPS_A_MINUTE:]
         return len(self.off_road) >= 30.0 * WORN_IN and float(off.sum()) / 30.0 >= FAILED
 
+    @property
+    def lasted(self) -> float:
+        """After how long a policy that does not learn had failed (s), by whole minutes; if never, how long it drove."""
+        ends = [60.0 * (minute + 1) for minute, off in enumerate(self.off_seconds) if off >= FAILED]
+        return min([*ends, len(self.speed) / 30.0])
+
     def _clean(self, step: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Whether so many steps from each on are clean, and the way driven in them (m).
 

@@ -31,8 +31,6 @@ LATER: dict[str, Any] = {
     "trace": 1.0,
     "normalise_advantages": False,
     "entropy_bonus": 0.0,
-    "noise_price": 0.0,
-    "noise_price_after": 0,
     "entropy_halflife": None,
     "imitated_steps": None,
     "wrong_turn_reward": -0.1,

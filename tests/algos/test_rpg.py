@@ -333,8 +333,6 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
         ("batch_size", 2.5),
         ("trace", 1.1),
         ("entropy_bonus", -0.1),
-        ("noise_price", -0.1),
-        ("noise_price_after", 1.5),
         ("entropy_halflife", 0.0),
         ("learning_rate_halflife", -1.0),
         ("restart_episodes", 0),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,15 +15,11 @@ from dpsearch.policies import PolicyConfig
 from tests.algos.makers import gradients, small_rpg
 
 
-@pytest.mark.parametrize("price", [0.0, 0.3])
-def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades_and_may_be_followed_by_a_price(
-    price: float,
-) -> None:
-    settings: dict[str, Any] = {"noise_price": price, "noise_price_after": 2, "entropy_halflife": 2.0}
-    rpg = small_rpg(batch_size=30, entropy_bonus=0.4, baseline_episodes=0, **settings)
+def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades() -> None:
+    rpg = small_rpg(batch_size=30, entropy_bonus=0.4, entropy_halflife=2.0, baseline_episodes=0)
     episodes = rpg.play_batch(30)
     with_bonus = []
-    for updates in (0, 1, 2):
+    for updates in (0, 2):
         rpg.updates = updates
         rpg.optimizer.zero_grad()
         rpg.backpropagate(episodes)
@@ -36,14 +31,14 @@ def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades_and_may_be_
     outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
     rpg.optimizer.zero_grad()
     (-(rpg.policy.head.entropy(outputs) * mask).sum() / 30).backward()
-    for bonus, both in zip((0.4, 0.4 * 0.5**0.5, 0.2 - price), with_bonus, strict=True):
+    for bonus, both in zip((0.4, 0.2), with_bonus, strict=True):
         np.testing.assert_allclose(both, gradients(plain) + bonus * gradients(rpg), rtol=1e-3, atol=1e-5)
 
 
-def test_gaussian_noise_has_its_price_after_so_many_updates_of_a_start() -> None:
+def test_the_entropy_of_gaussian_actions_counts_too_from_the_first_update_of_a_start() -> None:
     rpg = RPG(
         "dpsearch/DoublePoleHidden-v0", policy=PolicyConfig(hidden_size=3, init_range=0.3), baseline_episodes=0,
-        noise_price=0.3, noise_price_after=2,
+        entropy_bonus=0.3, entropy_halflife=2.0,
     )  # fmt: skip
     episodes = rpg.play_batch(10)
     assert episodes.padded
@@ -54,14 +49,13 @@ def test_gaussian_noise_has_its_price_after_so_many_updates_of_a_start() -> None
         rpg.backpropagate(episodes)
         return gradients(rpg)
 
-    free, priced = gradient(1), gradient(2)
+    whole, half = gradient(0), gradient(2)
     outputs, _ = rpg.policy(torch.from_numpy(episodes.observations))
     rpg.optimizer.zero_grad()
     (rpg.policy.head.entropy(outputs) * torch.from_numpy(episodes.mask)).sum().div(10).backward()
-    np.testing.assert_allclose(priced, free + 0.3 * gradients(rpg), rtol=1e-3, atol=1e-5)
-    rpg._first_update = 1  # as after a restart
-    np.testing.assert_array_equal(gradient(2), free)
-    np.testing.assert_array_equal(gradient(3), priced)
+    np.testing.assert_allclose(half - whole, 0.15 * gradients(rpg), rtol=1e-3, atol=1e-5)
+    rpg._first_update = 2  # as after a restart
+    np.testing.assert_array_equal(gradient(2), whole)
 
 
 @pytest.mark.parametrize("trace", [0.0, 0.7, 1.0])

@@ -8,7 +8,20 @@ from array import array
 import numpy as np
 import pytest
 
-from scripts.experiments.driving import CURVE, EXPERIMENTS, FAILS, measure, measure_until_failure
+from scripts.experiments import driving
+from scripts.experiments.driving import (
+    CLEAN,
+    CURVE,
+    EXPERIMENTS,
+    FAILS,
+    FOR_GOOD,
+    OFF,
+    SETTLED,
+    UNSEEN,
+    measure,
+    measure_and_drive_on,
+    measure_until_failure,
+)
 from scripts.experiments.driving_log import NO_LAP, Drive
 from scripts.experiments.driving_search import search_steering
 
@@ -67,6 +80,27 @@ def test_a_drive_until_failure_ends_when_the_policy_fails() -> None:
     assert 9_000 <= until["env_steps"] < 14_000  # no policy fails in its first five minutes
     assert until[FAILS] == pytest.approx(10.0 + 60.0 * until["env_steps"] / 54_000)
     assert until[CURVE] == pytest.approx(on[CURVE][: len(until[CURVE]) - 1] + until[CURVE][-1:])
+
+
+def test_what_has_learned_drives_on_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driving, "ONWARDS_STEPS", 9000)
+    overrides = ("algo=rpg", "env=track", "total_steps=600")  # 20 seconds: far from keeping to the road at 70 km/h
+    alone, followed = measure(overrides, 0), measure_and_drive_on(overrides, 0)
+    for metric in (SETTLED, FOR_GOOD, OFF, UNSEEN, CURVE, "env_steps"):
+        assert followed[metric] == alone[metric]
+    assert 70.0 < followed[FAILS] < 80.0  # before the end
+    assert followed[CLEAN] != alone[CLEAN]
+
+
+def test_a_drive_lasts_until_the_first_minute_in_which_it_fails() -> None:
+    def lasting(*off_seconds: float) -> float:
+        rows = np.zeros((len(off_seconds), 1800, 5))
+        for minute, seconds in zip(rows, off_seconds, strict=True):
+            minute[: round(30.0 * seconds), 4] = 1.0
+        return Drive(array("d", rows.ravel())).lasted
+
+    assert lasting(0.0, 5.9, 6.0, 0.0) == 180.0
+    assert lasting(0.0, 5.9) == 120.0
 
 
 def test_runs_of_a_method_are_made_by_what_it_has_for_them() -> None:
