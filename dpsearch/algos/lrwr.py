@@ -90,8 +90,8 @@ class LRWRConfig:
     steepness: float | None = None
     loss: str = "likelihood"
     held_out: float = 1.0 / 3.0
-    patience: int = 20
-    max_epochs: int = 60
+    patience: int = 10
+    max_epochs: int = 30
     optimizer: str = "SGD"
     learning_rate: float = 0.002
     learning_rate_halflife: float | None = None

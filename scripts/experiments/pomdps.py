@@ -245,7 +245,7 @@ WORDS = (
     "entered anywhere in which bumps cost nothing, and T-mazes in which either turn is paid. In cheese mazes the "
     "thesis discounts by 0.7; policies are judged by that in any case. LRWR, without more words, is with its "
     "improvements: an LSTM of 10 cells, in shuttle docking 24. "
-    "Core-seconds of all but LRWR in the 4x3 maze with slips any way are of a busy Intel Xeon, others of an AMD EPYC."
+    "Core-seconds in the 4x3 maze with slips any way are, but for LRWR, of a busy Intel Xeon, others of an AMD EPYC."
 )
 
 
