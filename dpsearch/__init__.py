@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from dpsearch.algos.policy_search import NESPolicySearch as NESPolicySearch
     from dpsearch.algos.policy_search import SNESPolicySearch as SNESPolicySearch
     from dpsearch.algos.policy_search import XNESPolicySearch as XNESPolicySearch
-    from dpsearch.algos.rpg import RPG as RPG
-    from dpsearch.algos.rpg_config import RPGConfig as RPGConfig
+    from dpsearch.algos.rpg.config import RPGConfig as RPGConfig
+    from dpsearch.algos.rpg.rpg import RPG as RPG
     from dpsearch.policies import PolicyConfig as PolicyConfig
     from dpsearch.policies import PolicyRunner as PolicyRunner
     from dpsearch.policies import RecurrentPolicy as RecurrentPolicy
+    from dpsearch.report.generalisation import generalisation_test as generalisation_test
     from dpsearch.rollout import make_rollouts as make_rollouts
-    from dpsearch.rollout.generalisation import generalisation_test as generalisation_test
 
     __version__: str
 
@@ -35,12 +35,12 @@ _HOMES = {
     "NESPolicySearch": "dpsearch.algos.policy_search",
     "PolicyConfig": "dpsearch.policies",
     "PolicyRunner": "dpsearch.policies",
-    "RPG": "dpsearch.algos.rpg",
-    "RPGConfig": "dpsearch.algos.rpg_config",
+    "RPG": "dpsearch.algos.rpg.rpg",
+    "RPGConfig": "dpsearch.algos.rpg.config",
     "RecurrentPolicy": "dpsearch.policies",
     "SNESPolicySearch": "dpsearch.algos.policy_search",
     "XNESPolicySearch": "dpsearch.algos.policy_search",
-    "generalisation_test": "dpsearch.rollout.generalisation",
+    "generalisation_test": "dpsearch.report.generalisation",
     "make_rollouts": "dpsearch.rollout",
 }
 

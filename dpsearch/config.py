@@ -20,10 +20,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dpsearch.algos import ALGORITHMS
 from dpsearch.algos.settings import require
-from dpsearch.envs.driving import mirror_signs
-from dpsearch.envs.pomdp_reader import read_discount
-from dpsearch.envs.pomdp_tokens import PomdpFileError
 from dpsearch.policies import PolicyConfig
+from dpsearch.pomdp.file_format.reader import read_discount
+from dpsearch.pomdp.file_format.tokens import PomdpFileError
 from dpsearch.runs import EnvRecipe, RunError
 
 
@@ -105,7 +104,7 @@ class Maze4x3Config(EnvConfig):
 
 @dataclass
 class DrivingConfig(EnvConfig):
-    """Driving; see ``dpsearch.envs.driving``.
+    """Driving; see ``dpsearch.envs.driving.rules``.
 
     Attributes:
         speed_profile: Start and end in km/h (2 to 400) and the seconds between; one speed; null for pedals.
@@ -321,6 +320,8 @@ def _pomdp_discount(*, _parent_: DictConfig) -> float:
 
 def _mirror_signs(observations: list[str], speed_profile: Any) -> list[float] | None:
     """Of a car's observations and actions."""
+    from dpsearch.envs.driving.rules import mirror_signs
+
     return mirror_signs(observations, pedals=speed_profile is None)
 
 

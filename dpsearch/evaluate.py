@@ -14,7 +14,7 @@ import torch
 
 from dpsearch.algos import Evaluation
 from dpsearch.algos.base import EVALUATION
-from dpsearch.algos.checkpoint import CheckpointError
+from dpsearch.files import CheckpointError
 from dpsearch.kernels.philox import episode_seeds, stream_key
 from dpsearch.policies import PolicyRunner, RecurrentPolicy
 from dpsearch.runs import EnvRecipe, RunDirectory, RunError, load_policy

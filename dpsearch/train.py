@@ -25,8 +25,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
-from dpsearch.algos.checkpoint import CheckpointError
 from dpsearch.config import TrainConfig
+from dpsearch.files import CheckpointError
 from dpsearch.policies import UnsupportedSpaceError
 from dpsearch.rollout import Rollouts
 from dpsearch.runs import Limits, Run, RunDirectory, RunError

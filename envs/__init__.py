@@ -14,84 +14,51 @@ if __name__ != "dpsearch.envs":  # imported under two names, every class would e
     raise ImportError(f"this package is called dpsearch.envs: import that, not {__name__}")
 
 if TYPE_CHECKING:
-    from dpsearch.envs.belief import BeliefFilter as BeliefFilter
     from dpsearch.envs.cheese_maze import CheeseMaze as CheeseMaze
-    from dpsearch.envs.kernel_env import KernelEnv as KernelEnv
-    from dpsearch.envs.kernel_vector_env import KernelVectorEnv as KernelVectorEnv
+    from dpsearch.envs.driving.track import Track as Track
     from dpsearch.envs.maze4x3 import Maze4x3 as Maze4x3
     from dpsearch.envs.maze89 import Maze89 as Maze89
-    from dpsearch.envs.poles import DoublePole as DoublePole
-    from dpsearch.envs.poles import DoublePoleHidden as DoublePoleHidden
-    from dpsearch.envs.poles import SinglePole as SinglePole
-    from dpsearch.envs.poles import SinglePoleHidden as SinglePoleHidden
-    from dpsearch.envs.pomdp_env import POMDP as POMDP
-    from dpsearch.envs.pomdp_tokens import PomdpFileError as PomdpFileError
+    from dpsearch.envs.poles.env import DoublePole as DoublePole
+    from dpsearch.envs.poles.env import DoublePoleHidden as DoublePoleHidden
+    from dpsearch.envs.poles.env import SinglePole as SinglePole
+    from dpsearch.envs.poles.env import SinglePoleHidden as SinglePoleHidden
+    from dpsearch.envs.pomdp_file import POMDP as POMDP
     from dpsearch.envs.shuttle import ShuttleDocking as ShuttleDocking
-    from dpsearch.envs.tabular import TabularPOMDP as TabularPOMDP
-    from dpsearch.envs.tabular_env import TabularEnv as TabularEnv
-    from dpsearch.envs.task import Task as Task
     from dpsearch.envs.tiger import Tiger as Tiger
     from dpsearch.envs.tmaze import TMaze as TMaze
     from dpsearch.envs.torcs import TorcsError as TorcsError
     from dpsearch.envs.torcs.env import TORCS as TORCS
-    from dpsearch.envs.track import Track as Track
-    from dpsearch.envs.wrappers import HiddenState as HiddenState
-    from dpsearch.envs.wrappers import ObserveOnly as ObserveOnly
-    from dpsearch.envs.wrappers import PreviousAction as PreviousAction
-    from dpsearch.envs.wrappers import PreviousReward as PreviousReward
 
 # Public name -> the module it comes from: the imports above, for the interpreter.
 _HOMES = {
-    "BeliefFilter": "dpsearch.envs.belief",
     "CheeseMaze": "dpsearch.envs.cheese_maze",
-    "DoublePole": "dpsearch.envs.poles",
-    "DoublePoleHidden": "dpsearch.envs.poles",
-    "HiddenState": "dpsearch.envs.wrappers",
-    "KernelEnv": "dpsearch.envs.kernel_env",
-    "KernelVectorEnv": "dpsearch.envs.kernel_vector_env",
+    "DoublePole": "dpsearch.envs.poles.env",
+    "DoublePoleHidden": "dpsearch.envs.poles.env",
     "Maze4x3": "dpsearch.envs.maze4x3",
     "Maze89": "dpsearch.envs.maze89",
-    "ObserveOnly": "dpsearch.envs.wrappers",
-    "POMDP": "dpsearch.envs.pomdp_env",
-    "PomdpFileError": "dpsearch.envs.pomdp_tokens",
-    "PreviousAction": "dpsearch.envs.wrappers",
-    "PreviousReward": "dpsearch.envs.wrappers",
+    "POMDP": "dpsearch.envs.pomdp_file",
     "ShuttleDocking": "dpsearch.envs.shuttle",
-    "SinglePole": "dpsearch.envs.poles",
-    "SinglePoleHidden": "dpsearch.envs.poles",
+    "SinglePole": "dpsearch.envs.poles.env",
+    "SinglePoleHidden": "dpsearch.envs.poles.env",
     "TMaze": "dpsearch.envs.tmaze",
     "TORCS": "dpsearch.envs.torcs.env",
-    "TabularEnv": "dpsearch.envs.tabular_env",
-    "TabularPOMDP": "dpsearch.envs.tabular",
-    "Task": "dpsearch.envs.task",
     "Tiger": "dpsearch.envs.tiger",
     "TorcsError": "dpsearch.envs.torcs",
-    "Track": "dpsearch.envs.track",
+    "Track": "dpsearch.envs.driving.track",
 }
 
 __all__ = [
     "POMDP",
     "TORCS",
-    "BeliefFilter",
     "CheeseMaze",
     "DoublePole",
     "DoublePoleHidden",
-    "HiddenState",
-    "KernelEnv",
-    "KernelVectorEnv",
     "Maze4x3",
     "Maze89",
-    "ObserveOnly",
-    "PomdpFileError",
-    "PreviousAction",
-    "PreviousReward",
     "ShuttleDocking",
     "SinglePole",
     "SinglePoleHidden",
     "TMaze",
-    "TabularEnv",
-    "TabularPOMDP",
-    "Task",
     "Tiger",
     "TorcsError",
     "Track",
@@ -127,8 +94,10 @@ _register("dpsearch/ShuttleDocking-v0", "dpsearch.envs.shuttle:ShuttleDocking", 
 _register("dpsearch/Maze4x3-v0", "dpsearch.envs.maze4x3:Maze4x3", reward_threshold=0.7)
 _register("dpsearch/CheeseMaze-v0", "dpsearch.envs.cheese_maze:CheeseMaze", reward_threshold=0.9)
 _register("dpsearch/Maze89-v0", "dpsearch.envs.maze89:Maze89", reward_threshold=0.95)
-_register("dpsearch/POMDP-v0", "dpsearch.envs.pomdp_env:POMDP")  # what counts as solved is up to the file
+_register("dpsearch/POMDP-v0", "dpsearch.envs.pomdp_file:POMDP")  # what counts as solved is up to the file
 for _name in ("SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"):
-    _register(f"dpsearch/{_name}-v0", f"dpsearch.envs.poles:{_name}", reward_threshold=100_000.0)
+    _register(f"dpsearch/{_name}-v0", f"dpsearch.envs.poles.env:{_name}", reward_threshold=100_000.0)
 _register("dpsearch/TORCS-v0", "dpsearch.envs.torcs.env:TORCS", vector=False)  # returns are up to track and speed
-_register("dpsearch/Track-v0", "dpsearch.envs.track:Track")  # returns depend on the profile: none counts as solved
+_register(
+    "dpsearch/Track-v0", "dpsearch.envs.driving.track:Track"
+)  # returns depend on the profile: none counts as solved

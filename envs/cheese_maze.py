@@ -31,13 +31,14 @@ import math
 
 import numpy as np
 
-from dpsearch.envs import maze_drawing
-from dpsearch.envs.distributions import Distributions
-from dpsearch.envs.drawing import Frame
-from dpsearch.envs.grid import DIRECTIONS, Grid, walls_seen
-from dpsearch.envs.kernel_vector_env import VectorOf
-from dpsearch.envs.tabular import TabularPOMDP, TabularTask
-from dpsearch.envs.tabular_env import TabularEnv
+from dpsearch.env_kit.drawing.canvas import Frame
+from dpsearch.env_kit.vector_env import VectorOf
+from dpsearch.envs.drawings import maze as maze_drawing
+from dpsearch.pomdp.distributions import Distributions
+from dpsearch.pomdp.env import TabularEnv
+from dpsearch.pomdp.grid import DIRECTIONS, Grid, walls_seen
+from dpsearch.pomdp.model import TabularPOMDP
+from dpsearch.pomdp.task import TabularTask, tabular_task
 
 MAP = (
     ".....",
@@ -145,7 +146,7 @@ class CheeseMaze(TabularEnv):
     ) -> TabularTask:
         """What the class plays with these arguments."""
         limit = LIMIT if max_episode_steps is None else max_episode_steps
-        return cheese_maze_pomdp(start, bump_reward).task(limit, threshold(bump_reward))
+        return tabular_task(cheese_maze_pomdp(start, bump_reward), limit, threshold(bump_reward))
 
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""

@@ -37,13 +37,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dpsearch.envs import maze_drawing
-from dpsearch.envs.distributions import Distributions
-from dpsearch.envs.drawing import Frame
-from dpsearch.envs.grid import DIRECTIONS, EAST, WEST, Grid
-from dpsearch.envs.kernel_vector_env import VectorOf
-from dpsearch.envs.tabular import TabularPOMDP, TabularTask
-from dpsearch.envs.tabular_env import TabularEnv
+from dpsearch.env_kit.drawing.canvas import Frame
+from dpsearch.env_kit.vector_env import VectorOf
+from dpsearch.envs.drawings import maze as maze_drawing
+from dpsearch.pomdp.distributions import Distributions
+from dpsearch.pomdp.env import TabularEnv
+from dpsearch.pomdp.grid import DIRECTIONS, EAST, WEST, Grid
+from dpsearch.pomdp.model import TabularPOMDP
+from dpsearch.pomdp.task import TabularTask, tabular_task
 
 MAP = (
     "...+",
@@ -175,7 +176,7 @@ class Maze4x3(TabularEnv):
         """What the class plays with these arguments."""
         limit = LIMIT if max_episode_steps is None else max_episode_steps
         threshold = THRESHOLDS.get((slips, minus_reward, minus_ends))
-        return maze4x3_pomdp(minus_ends, slips, minus_reward).task(limit, threshold)
+        return tabular_task(maze4x3_pomdp(minus_ends, slips, minus_reward), limit, threshold)
 
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""

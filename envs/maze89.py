@@ -44,13 +44,14 @@ import itertools
 
 import numpy as np
 
-from dpsearch.envs import maze_drawing
-from dpsearch.envs.distributions import Distributions
-from dpsearch.envs.drawing import Frame
-from dpsearch.envs.grid import DIRECTIONS, EAST, Grid, walls_seen
-from dpsearch.envs.kernel_vector_env import VectorOf
-from dpsearch.envs.tabular import TabularPOMDP, TabularTask
-from dpsearch.envs.tabular_env import TabularEnv
+from dpsearch.env_kit.drawing.canvas import Frame
+from dpsearch.env_kit.vector_env import VectorOf
+from dpsearch.envs.drawings import maze as maze_drawing
+from dpsearch.pomdp.distributions import Distributions
+from dpsearch.pomdp.env import TabularEnv
+from dpsearch.pomdp.grid import DIRECTIONS, EAST, Grid, walls_seen
+from dpsearch.pomdp.model import TabularPOMDP
+from dpsearch.pomdp.task import TabularTask, tabular_task
 
 MAP = (
     "#.....#",
@@ -170,7 +171,7 @@ class Maze89(TabularEnv):
     @classmethod
     def make_task(cls, max_episode_steps: int | None = None) -> TabularTask:
         """What the class plays with these arguments."""
-        return maze89_pomdp().task(LIMIT if max_episode_steps is None else max_episode_steps, REWARD_THRESHOLD)
+        return tabular_task(maze89_pomdp(), LIMIT if max_episode_steps is None else max_episode_steps, REWARD_THRESHOLD)
 
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""

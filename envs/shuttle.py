@@ -41,11 +41,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dpsearch.envs import shuttle_drawing
-from dpsearch.envs.drawing import Frame
-from dpsearch.envs.kernel_vector_env import VectorOf
-from dpsearch.envs.tabular import TabularPOMDP, TabularTask
-from dpsearch.envs.tabular_env import TabularEnv
+from dpsearch.env_kit.drawing.canvas import Frame
+from dpsearch.env_kit.vector_env import VectorOf
+from dpsearch.envs.drawings import shuttle as shuttle_drawing
+from dpsearch.pomdp.env import TabularEnv
+from dpsearch.pomdp.model import TabularPOMDP
+from dpsearch.pomdp.task import TabularTask, tabular_task
 
 ACTIONS = ("turn around", "go forward", "back up")
 TURN_AROUND, GO_FORWARD, BACK_UP = range(3)
@@ -143,7 +144,7 @@ class ShuttleDocking(TabularEnv):
     def make_task(cls, max_episode_steps: int | None = None) -> TabularTask:
         """What the class plays with these arguments."""
         limit = LIMIT if max_episode_steps is None else max_episode_steps
-        return shuttle_pomdp().task(limit, THRESHOLD_PER_STEP * limit)
+        return tabular_task(shuttle_pomdp(), limit, THRESHOLD_PER_STEP * limit)
 
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""

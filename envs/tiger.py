@@ -26,11 +26,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dpsearch.envs import tiger_drawing
-from dpsearch.envs.drawing import Frame
-from dpsearch.envs.kernel_vector_env import VectorOf
-from dpsearch.envs.tabular import TabularPOMDP, TabularTask
-from dpsearch.envs.tabular_env import TabularEnv
+from dpsearch.env_kit.drawing.canvas import Frame
+from dpsearch.env_kit.vector_env import VectorOf
+from dpsearch.envs.drawings import tiger as tiger_drawing
+from dpsearch.pomdp.env import TabularEnv
+from dpsearch.pomdp.model import TabularPOMDP
+from dpsearch.pomdp.task import TabularTask, tabular_task
 
 ACTIONS = ("listen", "open left", "open right")
 LISTEN, OPEN_LEFT, OPEN_RIGHT = range(3)
@@ -122,7 +123,7 @@ class Tiger(TabularEnv):
     def make_task(cls, single: bool = False, max_episode_steps: int | None = None) -> TabularTask:
         """What the class plays with these arguments."""
         limit = LIMIT if max_episode_steps is None else max_episode_steps
-        return tiger_pomdp(single).task(limit, SINGLE_THRESHOLD if single else THRESHOLD_PER_STEP * limit)
+        return tabular_task(tiger_pomdp(single), limit, SINGLE_THRESHOLD if single else THRESHOLD_PER_STEP * limit)
 
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""

@@ -30,12 +30,13 @@ from operator import index
 
 import numpy as np
 
-from dpsearch.envs import tmaze_drawing
-from dpsearch.envs.distributions import Distributions
-from dpsearch.envs.drawing import Frame
-from dpsearch.envs.kernel_vector_env import VectorOf
-from dpsearch.envs.tabular import TabularPOMDP, TabularTask
-from dpsearch.envs.tabular_env import TabularEnv
+from dpsearch.env_kit.drawing.canvas import Frame
+from dpsearch.env_kit.vector_env import VectorOf
+from dpsearch.envs.drawings import tmaze as tmaze_drawing
+from dpsearch.pomdp.distributions import Distributions
+from dpsearch.pomdp.env import TabularEnv
+from dpsearch.pomdp.model import TabularPOMDP
+from dpsearch.pomdp.task import TabularTask, tabular_task
 
 ACTIONS = ("north", "east", "south", "west")
 NORTH, EAST, SOUTH, WEST = range(4)
@@ -167,7 +168,7 @@ class TMaze(TabularEnv):
     ) -> TabularTask:
         """What the class plays with these arguments."""
         limit = default_limit(corridor_length) if max_episode_steps is None else max_episode_steps
-        return tmaze_pomdp(corridor_length, encoding, wrong_turn_reward).task(limit, REWARD_THRESHOLD)
+        return tabular_task(tmaze_pomdp(corridor_length, encoding, wrong_turn_reward), limit, REWARD_THRESHOLD)
 
     def picture(self) -> Frame:
         """The moment as a picture, ``(540, 960, 3)``."""

@@ -15,7 +15,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python itself looks into scripts/ only
 
-from dpsearch.algos.checkpoint import versions
+from dpsearch.files import versions
 from dpsearch.report.provenance import command, machine
 from dpsearch.report.tables import number
 from scripts.arguments import at_least

@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python itself looks into scripts/ only
 
-from dpsearch.algos.checkpoint import versions
+from dpsearch.files import versions
 from dpsearch.report.document import Document
 from dpsearch.report.provenance import command, machine
 from dpsearch.runs import RunError

@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from dpsearch.envs.tabular import TabularPOMDP
+from dpsearch.pomdp.model import TabularPOMDP
 
 
 @pytest.fixture(autouse=True, scope="session")

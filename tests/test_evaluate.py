@@ -14,7 +14,7 @@ from dpsearch.algos import RPG
 from dpsearch.policies import PolicyConfig, PolicyRunner
 from dpsearch.runs import EnvRecipe, load_policy, save_policy
 from dpsearch.runs.playback import play_episode
-from tests.application import train
+from tests.support.application import train
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.application import ROOT, metrics, summary, train
+from tests.support.application import ROOT, metrics, summary, train
 
 EXPERIMENTS = sorted(path.stem for path in (ROOT / "configs" / "experiment").glob("*.yaml"))
 

@@ -4,6 +4,7 @@ import ast
 import importlib.util
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,9 +17,10 @@ ROOT = Path(__file__).parents[1]
 # From the ground up. A room imports from the floors below it and from itself, not from its neighbours;
 # on the top floor, where the applications are, all doors are open.
 FLOORS = (
-    {"kernels", "configs"},
-    {"envs"},
-    {"policies", "search"},
+    {"kernels", "files", "configs"},
+    {"env_kit"},
+    {"pomdp"},
+    {"envs", "policies", "search"},
     {"rollout"},
     {"algos"},
     {"runs", "report"},
@@ -49,8 +51,11 @@ def room_of(module: str) -> str:
     return rest[0]
 
 
-def imported_modules(code: str, module: str) -> Iterator[tuple[int, str]]:
-    """Line and full name of everything of the project that the code imports, wherever it does so."""
+def imported_modules(code: str, module: str, also_submodules: bool = False) -> Iterator[tuple[int, str]]:
+    """Line and full name of everything of the project that the code imports, wherever it does so.
+
+    What is imported from a package may be a module in it: `also_submodules` names each as if it were one.
+    """
     for node in ast.walk(ast.parse(code)):
         if not isinstance(node, ast.stmt | ast.expr):
             continue
@@ -61,7 +66,7 @@ def imported_modules(code: str, module: str) -> Iterator[tuple[int, str]]:
             case ast.ImportFrom(module=base, level=level):
                 package = module.rpartition(".")[0]
                 source = importlib.util.resolve_name("." * level + (base or ""), package)
-                names = [source]
+                names = [f"{source}.{alias.name}" for alias in node.names] if also_submodules else [source]
                 if source == "dpsearch":  # a room, or a public name: count the module it comes from
                     public = [alias.name for alias in node.names if alias.name != "__version__"]
                     names = [dpsearch._HOMES.get(name, f"dpsearch.{name}") for name in public]
@@ -101,7 +106,7 @@ def test_no_import_climbs(room: str) -> None:
 @pytest.mark.parametrize(
     "code",
     [
-        "from dpsearch.algos.rpg import RPG",
+        "from dpsearch.algos.rpg.rpg import RPG",
         "import dpsearch.algos as algos",
         "from dpsearch import algos",
         "from dpsearch import RPG",
@@ -116,7 +121,7 @@ def test_no_import_climbs(room: str) -> None:
     ],
 )
 def test_an_import_that_climbs_is_found_in_every_form(code: str) -> None:
-    assert len(climbs(code, "dpsearch.rollout.vector")) == 1
+    assert len(climbs(code, "dpsearch.rollout.gym_engine")) == 1
 
 
 @pytest.mark.parametrize(
@@ -131,12 +136,79 @@ def test_an_import_that_climbs_is_found_in_every_form(code: str) -> None:
     ],
 )
 def test_an_import_that_descends_is_allowed(code: str) -> None:
-    assert climbs(code, "dpsearch.rollout.vector") == []
+    assert climbs(code, "dpsearch.rollout.gym_engine") == []
 
 
 def test_neighbours_keep_apart_except_on_the_top_floor() -> None:
     assert climbs("import dpsearch.policies", "dpsearch.search.nes")
     assert not climbs("import dpsearch.train", "scripts.reproduce")
+
+
+def circles(arrows: dict[str, set[str]]) -> list[str]:
+    """Modules that import one another in a circle, each circle as text; found by walking down from every module."""
+    found, done = [], set[str]()
+
+    def walk(module: str, path: list[str]) -> None:
+        if module in path:
+            found.append(" -> ".join([*path[path.index(module) :], module]))
+        elif module not in done:
+            for other in sorted(arrows.get(module, ())):
+                walk(other, [*path, module])
+            done.add(module)
+
+    for module in sorted(arrows):
+        walk(module, [])
+    return found
+
+
+def arrows_between(modules: dict[str, str]) -> dict[str, set[str]]:
+    """Which of these modules, each with its code, imports which; a package's own names count as its `__init__`."""
+
+    def target(name: str) -> str | None:
+        for candidate in (name, f"{name}.__init__"):
+            if candidate in modules:
+                return candidate
+        parent = name.rpartition(".")[0]
+        return target(parent) if parent else None
+
+    found: dict[str, set[str]] = {}
+    for module, code in modules.items():
+        names = {name for _, name in imported_modules(code, module, also_submodules=True)}
+        found[module] = {there for name in names if (there := target(name)) is not None and there != module}
+    return found
+
+
+def test_no_imports_run_in_a_circle() -> None:
+    assert circles(arrows_between({module: path.read_text() for module, path in sources()})) == []
+
+
+@pytest.mark.parametrize(
+    "back",
+    [
+        "import dpsearch.a",
+        "from dpsearch import a",
+        "from . import a",
+        "from dpsearch.a import X",
+        "def later():\n    from dpsearch.a import X",
+        "if TYPE_CHECKING:\n    from dpsearch.a import X",
+    ],
+)
+def test_a_circle_is_found_in_every_form(back: str) -> None:
+    modules = {"dpsearch.a": "from dpsearch.b import Y", "dpsearch.b": "import dpsearch.c", "dpsearch.c": back}
+    assert len(circles(arrows_between(modules))) == 1
+    assert circles(arrows_between({**modules, "dpsearch.c": "import numpy"})) == []
+
+
+def test_only_environments_that_are_made_import_the_tasks() -> None:
+    """Simulators of one's own need none of ours."""
+    ours = [module for module, _ in sources() if module.startswith("dpsearch.") and room_of(module) != "envs"]
+    code = f"""
+        import sys, importlib
+        for module in {ours}:
+            importlib.import_module(module.removesuffix(".__init__"))
+            assert "dpsearch.envs" not in sys.modules, module
+        """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(code)], cwd=ROOT, check=True)
 
 
 @pytest.mark.parametrize(

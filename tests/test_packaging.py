@@ -89,7 +89,23 @@ def test_a_bare_checkout_works_without_installation() -> None:
     forget = "import sys; sys.meta_path = [f for f in sys.meta_path if '__editable__' not in str(f)]"
     result = run_python(f"{forget}; {PRINT_FILES}", cwd=ROOT)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.split() == [str(ROOT / room / "__init__.py") for room in ("configs", "envs")]
+    found = [Path(file).resolve() for file in result.stdout.split()]  # through the links in dpsearch/
+    assert found == [ROOT / room / "__init__.py" for room in ("configs", "envs")]
+
+
+def test_a_checkout_without_links_works_too(tmp_path: Path) -> None:
+    """As git makes it where the file system has no links: they are small text files then."""
+    for folder in ("dpsearch", "envs", "configs"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    for room in ("configs", "envs"):
+        link = tmp_path / "dpsearch" / room
+        text = os.readlink(link)
+        link.unlink()
+        link.write_text(text)
+    result = run_python(PRINT_FILES, cwd=tmp_path, PYTHONPATH=str(tmp_path))
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.split() == [str(tmp_path / room / "__init__.py") for room in ("configs", "envs")]
 
 
 @pytest.mark.parametrize("name", ["envs", "configs"])

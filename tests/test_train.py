@@ -14,7 +14,7 @@ import torch
 from omegaconf import OmegaConf
 
 from dpsearch.runs import RunDirectory
-from tests.application import ROOT, Outcome, metrics, start, summary, train
+from tests.support.application import ROOT, Outcome, metrics, start, summary, train
 
 # A run that takes about a tenth of a second, and goes on after it would be solved
 SMALL = ("env.corridor_length=3", "until_solved=false", "total_updates=60", "evaluation_episodes=10")
@@ -186,7 +186,7 @@ def test_another_seed_is_another_run(uninterrupted: Path, tmp_path: Path) -> Non
             id="within a line of the metrics",
         ),
         pytest.param(
-            "import dpsearch.algos.checkpoint as c\nreplace, calls = c.os.replace, []\n"
+            "import dpsearch.files as c\nreplace, calls = c.os.replace, []\n"
             f"def die(*a):\n  calls.append(a)\n  if len(calls) == 19: {KILL}\n  replace(*a)\n"
             f"c.os.replace = die\n{EAGER}",
             id="while a checkpoint is written",
@@ -300,7 +300,7 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("env=gym env.id=bogus:Bogus-v0", "No module named 'bogus'"),
         ("env=gym env.id=CartPole-v1 env.kwargs.bogus=1", "bogus"),
         ("env=gym env.id=CartPole-v1 env.observe_only=[4]", r"0 \.\. 3"),
-        ("env=gym env.id=tests.runs.odd_envs:tests/Wordy-v0", "observation space .* is not supported"),
+        ("env=gym env.id=tests.support.odd_envs:tests/Wordy-v0", "observation space .* is not supported"),
         ("env=gym env.id=Pendulum-v1 total_steps=null", "nothing would end this run"),
         ("until_solved=false total_steps=null", "nothing would end this run"),
     ],

@@ -12,8 +12,8 @@ from dpsearch.algos.policy_search import (
     SNESPolicySearch,
     XNESPolicySearch,
 )
-from dpsearch.algos.rpg import RPG
-from dpsearch.algos.rpg_config import RPGConfig
+from dpsearch.algos.rpg.config import RPGConfig
+from dpsearch.algos.rpg.rpg import RPG
 
 ALGORITHMS: dict[str, type[Algorithm[Any]]] = {
     algorithm.name: algorithm

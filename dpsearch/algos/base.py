@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from typing_extensions import TypeIs
 
-from dpsearch.algos.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions

@@ -28,7 +28,7 @@ from typing_extensions import override
 
 from dpsearch.algos.advantages import RunningScale
 from dpsearch.algos.base import Algorithm, Env, Metrics
-from dpsearch.algos.baselines import SharedBaseline
+from dpsearch.algos.baselines.base import SharedBaseline
 from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
 from dpsearch.algos.settings import FINITE, positive_or_none, require
 from dpsearch.policies import PolicyConfig

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from dpsearch.policies.recurrent import RecurrentPolicy
+from dpsearch.policies.policy import RecurrentPolicy
 
 
 class PolicyRunner:

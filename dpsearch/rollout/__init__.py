@@ -1,12 +1,12 @@
 """Where episodes come from: two verbs, ``collect`` and ``evaluate``, and the engines that offer them."""
 
-from dpsearch.rollout.compiled import CompiledRollouts
+from dpsearch.rollout.base import Rollouts
 from dpsearch.rollout.episodes import Episodes
-from dpsearch.rollout.gym_lanes import EnvSource
+from dpsearch.rollout.gym_engine import VectorRollouts
+from dpsearch.rollout.gym_envs import EnvSource
+from dpsearch.rollout.lane_engine import CompiledRollouts
 from dpsearch.rollout.make import make_rollouts
-from dpsearch.rollout.protocol import Rollouts
 from dpsearch.rollout.stream import Pieces, Stream
-from dpsearch.rollout.vector import VectorRollouts
 
 __all__ = [
     "CompiledRollouts",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dpsearch.kernels.lanes import LANES, lanes_in_use, noise_rows
 from dpsearch.kernels.philox import ACTION, draw
 from dpsearch.policies.compiled import remember_action
-from dpsearch.policies.recurrent import RecurrentPolicy
+from dpsearch.policies.policy import RecurrentPolicy
 
 
 class LaneActor:

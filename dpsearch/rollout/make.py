@@ -8,10 +8,10 @@ import gymnasium as gym
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
 from dpsearch.kernels.lanes import EnvKernel
-from dpsearch.rollout.compiled import CompiledRollouts
-from dpsearch.rollout.gym_lanes import Env, EnvSource, VectorEnv, env_factory, reward_threshold, single_env, step_limit
-from dpsearch.rollout.protocol import Rollouts
-from dpsearch.rollout.vector import VectorRollouts
+from dpsearch.rollout.base import Rollouts
+from dpsearch.rollout.gym_engine import VectorRollouts
+from dpsearch.rollout.gym_envs import Env, EnvSource, VectorEnv, env_factory, reward_threshold, single_env, step_limit
+from dpsearch.rollout.lane_engine import CompiledRollouts
 
 _TRANSPARENT = (
     TimeLimit,

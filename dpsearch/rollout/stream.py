@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from dpsearch.kernels.philox import episode_seeds
-from dpsearch.policies.recurrent import RecurrentPolicy
+from dpsearch.policies.policy import RecurrentPolicy
 from dpsearch.policies.spaces import to_env_actions
 from dpsearch.rollout.actor import LaneActor
+from dpsearch.rollout.base import Rollouts, check_fit
 from dpsearch.rollout.episodes import Episodes
-from dpsearch.rollout.protocol import Rollouts, check_fit
 
 
 @dataclass(frozen=True)

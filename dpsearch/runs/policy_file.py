@@ -9,9 +9,9 @@ from typing import Any
 import gymnasium as gym
 
 from dpsearch.algos import Algorithm
-from dpsearch.algos.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.runs.environment import EnvRecipe
+from dpsearch.runs.recipe import EnvRecipe
 
 
 def save_policy(path: str | PathLike[str], algorithm: Algorithm[Any], recipe: EnvRecipe) -> None:

@@ -44,6 +44,6 @@ def renew(
         refresh_rate: The minimal refresh rate eta: a draw is accepted with max(eta, 1 - old / new).
         generator: Source of randomness.
     """
-    from dpsearch.kernels.rejection import renewed  # now, as importing Numba takes longer than many a search
+    from dpsearch.search.rejection import renewed  # now, as importing Numba takes longer than many a search
 
     return np.asarray(renewed(n, shift, np.atleast_2d(stretch), log_volume, refresh_rate, generator))

@@ -94,7 +94,9 @@ def regression_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matri
     n, d = local.shape
     if n < 1 + d + d * (d + 1) // 2:
         return _from_inner_products(local, utilities)
-    from dpsearch.kernels.quadratic import normal_equations  # now, as importing Numba takes longer than many a search
+    from dpsearch.search.normal_equations import (
+        normal_equations,  # now, as importing Numba takes longer than many a search
+    )
 
     b, a, scale = _products(d)
     gram, right = np.empty((len(b), len(b))), np.empty(len(b))

@@ -10,9 +10,9 @@ r"""The real TORCS as an environment: a racing car, steered 30 times a second.
        `._______|_______}
                 start
 
-What is done, seen and earned is said in :mod:`dpsearch.envs.driving`: the same as in the embedded track, so that what
-learns there can drive here. Time stands still between two steps; an episode is a function of its start and the actions,
-bit for bit. Between the control steps TORCS computes in steps of 2 ms.
+What is done, seen and earned is said in :mod:`dpsearch.envs.driving.rules`: the same as in the embedded track, so that
+what learns there can drive here. Time stands still between two steps; an episode is a function of its start and the
+actions, bit for bit. Between the control steps TORCS computes in steps of 2 ms.
 
 - *Start:* the car rolls along the middle of the road at the speed to be held.
 - *End:* stuck, off the road or standing; or the limit of 54,000 steps, half an hour. There is no damage, and fuel is
@@ -34,8 +34,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from dpsearch.envs.drawing import Frame, Window
-from dpsearch.envs.driving import (
+from dpsearch.env_kit.drawing.canvas import Frame, Window
+from dpsearch.envs.driving.drawing import View, picture, text
+from dpsearch.envs.driving.rules import (
     CONTROL_HZ,
     KMH,
     LONGEST,
@@ -46,7 +47,6 @@ from dpsearch.envs.driving import (
     Referee,
     driving_rules,
 )
-from dpsearch.envs.driving_drawing import View, picture, text
 from dpsearch.envs.torcs.client import Simulator, State
 from dpsearch.envs.torcs.installation import OWN_CAR, Installation, TorcsError
 
@@ -61,7 +61,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         car: Name of the car: "gt1", like the thesis's, or one of TORCS' own.
         speed_profile: (start, end, seconds) in km/h, km/h and s; a number for a constant speed; None if the agent
             has the pedals.
-        observations: Names of what is seen, of ``dpsearch.envs.driving.OBSERVATIONS``.
+        observations: Names of what is seen, of ``dpsearch.envs.driving.rules.OBSERVATIONS``.
         lookahead: Base (m) and gain (s) of the look-ahead distance, ``base + gain * speed``.
         start: "line", or "random" for anywhere on the road.
         control_hz: Steps a second, from 10 to 200.

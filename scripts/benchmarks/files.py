@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from time import process_time
 
-from dpsearch.envs import TabularPOMDP
+from dpsearch.pomdp.file_format.reader import read_pomdp_file
 from scripts.benchmarks.measurement import Measurement
 
 STATES = 1250
@@ -22,7 +22,7 @@ def pomdp_file(repeats: int) -> list[Measurement]:
         times = []
         for _ in range(repeats + 1):
             start = process_time()
-            TabularPOMDP.from_pomdp_file(path)
+            read_pomdp_file(path)
             times.append(1e3 * (process_time() - start))
     what = f"reading a .POMDP file of {LINES:,} single entries, {STATES:,} states"
     return [Measurement.of(times[1:], benchmark="pomdp_file", what=what, unit="core-ms", at_most=500.0)]

@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from dpsearch.algos import RPG
-from dpsearch.algos.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.envs.tmaze import TMaze
+from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.policies import PolicyConfig, UnsupportedSpaceError
 
 TMAZE: dict[str, Any] = {"env_kwargs": {"corridor_length": 3}, "policy": PolicyConfig(init_range=0.5)}

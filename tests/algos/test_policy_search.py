@@ -18,7 +18,7 @@ from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes, make_rollouts
 from dpsearch.search import SEARCHES, Restarts
 from dpsearch.search.fem import THESIS
-from tests.rollout.toy_envs import Countdown
+from tests.support.toy_envs import Countdown
 
 POLE = "dpsearch/SinglePole-v0"
 SEARCHERS = sorted(SEARCHES)
@@ -219,7 +219,7 @@ def test_a_setting_out_of_range_is_named(options: dict[str, Any]) -> None:
 
 
 def test_the_625_starts_are_a_harder_test_than_the_usual_one() -> None:
-    from dpsearch.rollout.generalisation import generalisation_test
+    from dpsearch.report.generalisation import generalisation_test
 
     algorithm = XNESPolicySearch(DoublePoleHidden, seed=0).learn(until_solved=True, total_episodes=3000)
     assert algorithm.solved

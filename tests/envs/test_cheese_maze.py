@@ -8,11 +8,11 @@ import pytest
 
 from dpsearch.envs import CheeseMaze
 from dpsearch.envs.cheese_maze import CELLS, CHEESE, SYMBOLS, CheeseMazeVector, cheese_maze_pomdp
-from dpsearch.envs.grid import EAST, NORTH, SOUTH, WEST
-from dpsearch.report.agents import Controller
-from dpsearch.report.exact import exact_metrics
-from tests.envs.exact import Machine, machine, play
-from tests.envs.twin import require_same
+from dpsearch.pomdp.grid import EAST, NORTH, SOUTH, WEST
+from dpsearch.pomdp.solvers.agents import Controller
+from dpsearch.pomdp.solvers.exact import exact_metrics
+from tests.support.exact import Machine, machine, play
+from tests.support.twin import require_same
 
 ID = "dpsearch.envs:dpsearch/CheeseMaze-v0"
 Place = tuple[int, int]  # column from the left, steps down from the top

@@ -14,27 +14,26 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 
+from dpsearch.env_kit.drawing import palette
+from dpsearch.env_kit.drawing.canvas import Canvas
 from dpsearch.envs import (
-    BeliefFilter,
     CheeseMaze,
     Maze4x3,
     Maze89,
     ShuttleDocking,
-    TabularEnv,
     Tiger,
     TMaze,
     cheese_maze,
     maze4x3,
     maze89,
-    palette,
     shuttle,
     tiger,
     tmaze,
 )
-from dpsearch.envs.drawing import Canvas
-from dpsearch.envs.grid import Grid
-from dpsearch.envs.tabular_drawing import percent
-from dpsearch.envs.tabular_env import REVEALED, Moment
+from dpsearch.pomdp import BeliefFilter, TabularEnv
+from dpsearch.pomdp.cards import percent
+from dpsearch.pomdp.env import REVEALED, Moment
+from dpsearch.pomdp.grid import Grid
 
 Kind = tuple[type[TabularEnv], dict[str, Any]]
 KINDS: list[Kind] = [

@@ -8,8 +8,8 @@ import pytest
 
 from dpsearch.envs import Maze4x3
 from dpsearch.envs.maze4x3 import CELLS, MINUS, PLUS, Maze4x3Vector, maze4x3_pomdp
-from tests.envs.exact import solve
-from tests.envs.twin import require_same
+from tests.support.exact import solve
+from tests.support.twin import require_same
 
 ID = "dpsearch.envs:dpsearch/Maze4x3-v0"
 Place = tuple[int, int]  # as in the book: column from the left, row from the bottom, counted from 1

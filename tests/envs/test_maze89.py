@@ -10,8 +10,8 @@ from scipy import stats
 
 from dpsearch.envs import Maze89
 from dpsearch.envs.maze89 import CELLS, DO_NOTHING, GOAL, HEADINGS, SYMBOLS, Maze89Vector, maze89_pomdp
-from tests.envs.exact import at_random, chain_of, play, solve
-from tests.envs.twin import require_same
+from tests.support.exact import at_random, chain_of, play, solve
+from tests.support.twin import require_same
 
 ID = "dpsearch.envs:dpsearch/Maze89-v0"
 DRAWING = """\

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import dpsearch.envs
-from dpsearch.envs import KernelVectorEnv
+from dpsearch.env_kit import KernelVectorEnv
 
-ROOT = Path(dpsearch.envs.__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 NAMES = ["TMaze", "Tiger", "ShuttleDocking", "Maze4x3", "CheeseMaze", "Maze89"]
 NAMES += ["SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"]
 IDS = [f"dpsearch.envs:dpsearch/{name}-v0" for name in NAMES]

@@ -16,8 +16,8 @@ from dpsearch.envs.shuttle import (
     ShuttleDockingVector,
     shuttle_pomdp,
 )
-from tests.envs.exact import Machine, machine, play, solve
-from tests.envs.twin import require_same
+from tests.support.exact import Machine, machine, play, solve
+from tests.support.twin import require_same
 
 # Where the shuttle is, and which station is ahead ("" in a dock).
 NAMES = {

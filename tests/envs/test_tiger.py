@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from dpsearch.envs import BeliefFilter, Tiger
+from dpsearch.envs import Tiger
 from dpsearch.envs.tiger import (
     HEARD_LEFT,
     HEARD_RIGHT,
@@ -18,9 +18,10 @@ from dpsearch.envs.tiger import (
     TigerVector,
     tiger_pomdp,
 )
+from dpsearch.pomdp import BeliefFilter
 from dpsearch.rollout import make_rollouts
-from tests.envs.exact import Machine, machine, play
-from tests.envs.twin import require_same
+from tests.support.exact import Machine, machine, play
+from tests.support.twin import require_same
 
 ID = "dpsearch.envs:dpsearch/Tiger-v0"
 

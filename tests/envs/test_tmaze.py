@@ -11,9 +11,9 @@ from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
 from dpsearch.envs import TMaze
+from dpsearch.envs.drawings.tmaze import visible_cells
 from dpsearch.envs.tmaze import EAST, ENCODINGS, JUNCTION, NORTH, SIGN_UP, SOUTH, TMazeVector, tmaze_pomdp
-from dpsearch.envs.tmaze_drawing import visible_cells
-from tests.envs.exact import machine, memoryless, play
+from tests.support.exact import machine, memoryless, play
 
 ID = "dpsearch.envs:dpsearch/TMaze-v0"
 BITS = {"up": [0, 1, 1], "down": [1, 1, 0], "corridor": [1, 0, 1], "junction": [0, 1, 0]}

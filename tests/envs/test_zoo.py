@@ -11,8 +11,9 @@ from gymnasium.utils.env_checker import check_env
 from hydra import compose, initialize_config_module
 
 import dpsearch.train  # noqa: F401  # registers the schemas
-from dpsearch.envs import KernelVectorEnv, TabularEnv
-from tests.envs.exact import Values, at_random, play
+from dpsearch.env_kit import KernelVectorEnv
+from dpsearch.pomdp import TabularEnv
+from tests.support.exact import Values, at_random, play
 
 IDS = {
     "cheese": "CheeseMaze",

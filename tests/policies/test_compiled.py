@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dpsearch.kernels.lanes import LANES, WIDTH, noise_rows
 from dpsearch.policies import Categorical, Deterministic, Gaussian, Head, RecurrentPolicy
 from dpsearch.policies.compiled import compiled_policy
-from dpsearch.policies.recurrent import Core
+from dpsearch.policies.policy import Core
 
 STEPS = 60
 HEADS = [Categorical([4]), Categorical([2, 3, 5]), Gaussian(1), Gaussian(3), Deterministic(2)]

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from dpsearch.algos import RPG
-from dpsearch.envs import PreviousAction
+from dpsearch.env_kit import PreviousAction
 from dpsearch.policies import PolicyConfig, PolicyRunner, RecurrentPolicy
 from dpsearch.rollout import make_rollouts
 

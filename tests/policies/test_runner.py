@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dpsearch.policies import Categorical, Gaussian, Head, PolicyRunner, RecurrentPolicy
-from dpsearch.policies.recurrent import Core
+from dpsearch.policies.policy import Core
 
 B = 6
 CORES: list[Core] = ["lstm", "rnn", "none"]

@@ -9,7 +9,7 @@ from gymnasium.wrappers import ClipReward, TimeLimit
 from dpsearch.envs import TMaze
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import CompiledRollouts, Rollouts, VectorRollouts, make_rollouts
-from tests.rollout.toy_envs import Countdown
+from tests.support.toy_envs import Countdown
 
 TMAZE = "dpsearch/TMaze-v0"
 

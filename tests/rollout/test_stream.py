@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from dpsearch.envs.track import Track
+from dpsearch.envs.driving.track import Track
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Pieces, Rollouts, Stream, VectorRollouts, make_rollouts
-from tests.rollout.toy_envs import Broken, Countdown
+from tests.support.toy_envs import Broken, Countdown
 
 KEY = 5
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from dpsearch.runs.interruption import Interruption
-from tests.application import ROOT
+from tests.support.application import ROOT
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -7,7 +7,7 @@ import pytest
 from scripts import benchmark
 from scripts.benchmarks import probes, processes, searching, simulator, speed
 from scripts.benchmarks.measurement import Measurement
-from tests.envs.torcs_wanted import require_torcs
+from tests.support.torcs_wanted import require_torcs
 
 
 def measured(values: list[float], at_least: float | None = None, at_most: float | None = None) -> Measurement:

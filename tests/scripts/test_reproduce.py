@@ -11,7 +11,7 @@ from scripts import reproduce
 from scripts.experiments import EXPERIMENTS
 from scripts.experiments.experiment import Experiment
 from scripts.experiments.jobs import Batch, Outcome, run_batch
-from scripts.experiments.tmaze_reported import LONGEST
+from scripts.experiments.tmaze.reported import LONGEST
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ import pytest
 from dpsearch.search import SEARCHES as TYPES
 from dpsearch.search import SNES, XNES, Search
 from dpsearch.search.gaussian import GaussianSearch
-from tests.search.makers import SEARCHES, Maker, evaluated, generation, valley
+from tests.support.searches import SEARCHES, Maker, evaluated, generation, valley
 
 
 @pytest.fixture(params=SEARCHES)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dpsearch.search import CMAES
-from tests.search.makers import Array, normals, valley
+from tests.support.searches import Array, normals, valley
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dpsearch.search import FEM
-from tests.search.makers import Array, evaluated, normals, valley
+from tests.support.searches import Array, evaluated, normals, valley
 
 
 class Algorithm51:

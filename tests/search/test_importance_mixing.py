@@ -12,7 +12,7 @@ from scipy import stats
 from dpsearch.search import NES, Search, importance_mixing
 from dpsearch.search.functions import FUNCTIONS, rotated_and_shifted
 from dpsearch.search.gaussian import GaussianSearch
-from tests.search.makers import Array
+from tests.support.searches import Array
 
 SHIFT = np.array([0.6, -0.3])
 STRETCH = np.array([[0.7, 0.2], [-0.1, 1.2]])

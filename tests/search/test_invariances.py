@@ -11,7 +11,7 @@ import pytest
 
 from dpsearch.search import FEM, NES, XNES, Search
 from dpsearch.search.gaussian import GaussianSearch
-from tests.search.makers import SEARCHES, Array, Maker, evaluated, rotation, valley
+from tests.support.searches import SEARCHES, Array, Maker, evaluated, rotation, valley
 
 X0 = np.array([1.0, -0.5, 0.25])
 ROTATABLE: dict[str, Maker] = {

@@ -9,7 +9,7 @@ import pytest
 
 from dpsearch.search import NES
 from dpsearch.search.nes import exact_gradient, regression_gradient
-from tests.search.makers import Array, normals, valley
+from tests.support.searches import Array, normals, valley
 
 
 def shaped_costs(costs: Array) -> Array:

@@ -9,7 +9,7 @@ import pytest
 
 from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts
 from dpsearch.search.functions import FUNCTIONS
-from tests.search.makers import generation, valley
+from tests.support.searches import generation, valley
 
 
 def rastrigin(x: Any) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dpsearch.search.shaping import log_rank, relative_rank, top_linear
-from tests.search.makers import Array
+from tests.support.searches import Array
 
 SHAPINGS: dict[str, Callable[[Array], Array]] = {
     "relative": relative_rank,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dpsearch.search import SNES, XNES
-from tests.search.makers import normals, valley
 from tests.search.test_xnes import written_utilities
+from tests.support.searches import normals, valley
 
 
 def test_snes_is_the_papers_algorithm() -> None:

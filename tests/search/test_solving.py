@@ -10,7 +10,7 @@ import pytest
 
 from dpsearch.search import CMAES, FEM, NES, SNES, XNES
 from dpsearch.search.functions import FUNCTIONS, rotated_and_shifted
-from tests.search.makers import Maker
+from tests.support.searches import Maker
 
 THESIS_5D: dict[str, Any] = {"forget_factor": 0.1, "covariance_forget_factor": 0.1, "centre": "new", "window": 50}
 SOLVERS: dict[str, tuple[Maker, int, int]] = {  # and the evaluations they may use on Sphere and Ellipsoid

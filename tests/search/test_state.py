@@ -12,7 +12,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from dpsearch.search import CMAES, FEM, NES, XNES, Restarts, Search
-from tests.search.makers import SEARCHES, Array, Maker, evaluated, generation, valley
+from tests.support.searches import SEARCHES, Array, Maker, evaluated, generation, valley
 
 
 @pytest.fixture(params=SEARCHES)

@@ -10,7 +10,7 @@ from scipy import linalg, stats
 
 from dpsearch.search import XNES
 from dpsearch.search.xnes import mann_whitney, matrix_exponential
-from tests.search.makers import Array, normals, valley
+from tests.support.searches import Array, normals, valley
 
 
 def written_utilities(fitness: Array) -> Array:

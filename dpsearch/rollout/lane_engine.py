@@ -1,0 +1,188 @@
+"""The lane engine: rollouts for environments that give a kernel, millions of steps a second on one core."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cache, cached_property
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dpsearch.kernels.lanes import (
+    FORWARD_LANES,
+    FORWARD_SHARED,
+    FORWARD_SINGLE,
+    LANES,
+    OBSERVE,
+    RESET,
+    SAMPLE,
+    STEP,
+    EnvKernel,
+    address_of,
+    noise_rows,
+)
+from dpsearch.policies.compiled import CompiledPolicy
+from dpsearch.policies.policy import RecurrentPolicy
+from dpsearch.rollout.base import check_fit, check_population
+from dpsearch.rollout.episodes import Episodes, clear_padding
+from dpsearch.rollout.lane_loop import play
+
+# By dimensions and precision of the weights: ``play`` calls what is at an address as its weights say.
+_FORWARD = {
+    (1, np.dtype(np.float32)): FORWARD_SINGLE,
+    (1, np.dtype(np.float64)): FORWARD_SHARED,
+    (2, np.dtype(np.float64)): FORWARD_LANES,
+}
+
+
+@dataclass
+class CompiledRollouts:
+    """Plays episodes of one environment in lanes.
+
+    Args:
+        kernel: The environment's compiled dynamics.
+        max_steps: Step cap of an episode.
+        threads: Blocks of lanes that run side by side. Results do not depend on it.
+        observation_space: The environment's own, of a single environment.
+        action_space: The environment's own, of a single environment.
+        reward_threshold: Mean return that counts as solved, or None if the environment names none.
+        make_env: Makes one more environment of the kind; None if what there is came ready.
+    """
+
+    kernel: EnvKernel
+    max_steps: int
+    threads: int = 1
+    _: KW_ONLY
+    observation_space: gym.Space[Any]
+    action_space: gym.Space[Any]
+    reward_threshold: float | None = None
+    make_env: Callable[[], gym.Env[Any, Any]] | None = None
+    _pool: ThreadPoolExecutor | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.max_steps < 1 or self.threads < 1:
+            raise ValueError(f"max_steps and threads must be positive, got {self.max_steps} and {self.threads}")
+        self.observation_size = self.kernel.observation_size
+
+    @cached_property
+    def _environment(self) -> tuple[Any, Any, Any, Any]:
+        """The environment's part of what the compiled engine is called with, gathered once."""
+        kernel = self.kernel
+        rows = [kernel.state_size, kernel.observation_size, kernel.action_size, noise_rows(kernel.draws)]
+        return (
+            np.array(
+                [address_of(kernel.reset, RESET), address_of(kernel.observe, OBSERVE), address_of(kernel.step, STEP)]
+            ),
+            kernel.floats,
+            kernel.ints,
+            np.array(rows),
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what cannot be pickled, and is made again when it is needed."""
+        return {name: value for name, value in vars(self).items() if name not in ("_environment", "_pool")}
+
+    def close(self) -> None:
+        """Let go of the threads; they come back when they are needed."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def collect(
+        self,
+        policy: RecurrentPolicy,
+        n_episodes: int,
+        *,
+        key: int,
+        first_episode: int = 0,
+        greedy: bool = False,
+        record: bool = True,
+    ) -> Episodes:
+        """Play whole episodes with one policy; see ``Rollouts.collect``.
+
+        Raises:
+            ValueError: If the policy does not fit the environment.
+        """
+        if n_episodes < 1:
+            raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
+        numbers = np.arange(first_episode, first_episode + n_episodes, dtype=np.uint64)
+        candidates = np.zeros(n_episodes, np.int64)
+        return self._play(policy, policy.vector(), key, numbers, candidates, greedy, record)
+
+    def evaluate(
+        self,
+        policy: RecurrentPolicy,
+        population: ArrayLike,
+        *,
+        key: int,
+        episodes: ArrayLike,
+        greedy: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Play episodes with many weight vectors; see ``Rollouts.evaluate``.
+
+        Raises:
+            ValueError: If the policy does not fit the environment, or the arrays do not fit the policy.
+        """
+        weights, numbers = check_population(policy, population, episodes)
+        candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])
+        played = self._play(policy, weights, key, numbers.ravel(), candidates, greedy, record=False)
+        return played.returns.reshape(numbers.shape), played.lengths.reshape(numbers.shape)
+
+    def _play(
+        self,
+        policy: RecurrentPolicy,
+        weights: NDArray[np.float64],
+        key: int,
+        episodes: NDArray[np.uint64],
+        candidates: NDArray[np.int64],
+        greedy: bool,
+        record: bool,
+    ) -> Episodes:
+        """Play the episodes of these numbers, with weights (P,) for all or each with its candidate's of (N, P)."""
+        kernel, compiled = self.kernel, policy.compiled()
+        check_fit(policy, kernel.observation_size, kernel.action_size)
+        weights = compiled.pack(weights, greedy)
+        agent = _agent(compiled, greedy, weights.ndim, weights.dtype)
+        queue = np.zeros(1, np.int64)
+        jobs = (np.uint64(key), episodes, candidates, self.max_steps, queue)
+        n, steps = len(episodes), self.max_steps if record else 0  # memory costs nothing until it is written
+        observations = np.empty((steps, n, kernel.observation_size), np.float32)
+        actions = np.empty((steps, n, kernel.action_size), np.float32)
+        rewards = np.empty((steps, n), np.float32)
+        returns, lengths, terminated = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
+
+        def block(_: int) -> None:
+            lanes = (weights, weights[None]) if weights.ndim == 1 else (np.zeros((weights.shape[1], LANES)), weights)
+            outcome = (observations, actions, rewards, returns, lengths, terminated)
+            play(*self._environment, *agent, *lanes, *jobs, *outcome)
+
+        if self.threads == 1 or len(episodes) <= 1:
+            block(0)
+        else:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(self.threads)
+            list(self._pool.map(block, range(self.threads)))
+        longest = clear_padding(observations, actions, rewards, lengths) if record else 0
+        return Episodes(observations[:longest], actions[:longest], rewards[:longest], lengths, terminated, returns)
+
+
+@cache
+def _agent(compiled: CompiledPolicy, greedy: bool, ndim: int, precision: np.dtype[Any]) -> tuple[Any, Any, Any, Any]:
+    """What ``play`` needs to know of a policy; remembered, as gathering it takes longer than a short episode."""
+    rows = [
+        compiled.hidden_rows,
+        compiled.scratch_rows,
+        compiled.n_outputs,
+        0 if greedy else noise_rows(compiled.draws),
+    ]
+    choose = compiled.mode if greedy else compiled.sample
+    return (
+        np.array([address_of(compiled.forward, _FORWARD[ndim, precision]), address_of(choose, SAMPLE)]),
+        compiled.sizes,
+        compiled.head_sizes,
+        np.array(rows),
+    )

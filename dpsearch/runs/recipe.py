@@ -1,0 +1,80 @@
+"""How a run makes its environment: a recipe of plain values, which a checkpoint can hold."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
+
+from dpsearch.env_kit import ObserveOnly
+from dpsearch.policies import UnsupportedSpaceError
+from dpsearch.rollout import Rollouts, make_rollouts
+from dpsearch.runs.errors import RunError
+
+
+@dataclass(frozen=True)
+class EnvRecipe:
+    """How to make an environment.
+
+    Attributes:
+        id: Gymnasium's id; what precedes a colon is a module to import first.
+        kwargs: Arguments of the environment.
+        observe_only: The components of the observation that the policy sees; None for all.
+        max_episode_steps: Step limit in place of the registered one. An environment that takes its limit as an
+            argument has it in ``kwargs`` instead.
+        reward_threshold: Mean return that counts as solved, in place of the registered one.
+    """
+
+    id: str
+    kwargs: dict[str, Any] = field(default_factory=dict)
+    observe_only: list[int] | None = None
+    max_episode_steps: int | None = None
+    reward_threshold: float | None = None
+
+    def make(self, render_mode: str | None = None) -> gym.Env[Any, Any]:
+        """One environment.
+
+        Raises:
+            RunError: If the environment is unknown or refuses its arguments.
+        """
+        extra: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
+        try:
+            module, _, name = self.id.rpartition(":")
+            if module:
+                import_module(module)
+            spec = gym.spec(name)  # kwargs in the spec, since gym.make would take max_episode_steps for itself
+            spec = dataclasses.replace(spec, kwargs={**spec.kwargs, **self.kwargs})
+            env = gym.make(spec, max_episode_steps=self.max_episode_steps, **extra)
+            if self.observe_only is not None:
+                env = ObserveOnly(env, self.observe_only)
+        except (gym.error.Error, ImportError, TypeError, ValueError) as error:
+            raise RunError(f"cannot make environment {self.id!r}: {error}") from error
+        except Exception as error:  # the environment's own code: its message may make no sense without the type
+            raise RunError(f"cannot make environment {self.id!r}: {type(error).__name__}: {error}") from error
+        return env
+
+    @property
+    def drawable(self) -> bool:
+        """Whether the environment's class says that it can be drawn, as far as one can tell without making one."""
+        entry = gym.spec(self.id.rpartition(":")[2]).entry_point
+        creator = load_env_creator(entry) if isinstance(entry, str) else entry
+        metadata = getattr(creator, "metadata", None)
+        return metadata is None or "rgb_array" in metadata.get("render_modes", ())
+
+    def rollouts(self, *, threads: int = 1, num_envs: int | None = None) -> Rollouts:
+        """What plays its episodes.
+
+        Raises:
+            RunError: If it cannot be made, or its spaces are of a kind that no policy can handle.
+        """
+        try:
+            rollouts = make_rollouts(self.make, threads=threads, num_envs=num_envs)
+        except (UnsupportedSpaceError, ValueError) as error:
+            raise RunError(f"cannot play environment {self.id!r}: {error}") from error
+        if self.reward_threshold is not None:
+            rollouts.reward_threshold = self.reward_threshold
+        return rollouts

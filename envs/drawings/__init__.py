@@ -1,0 +1,1 @@
+"""The pictures of the finite tasks, one module a task."""

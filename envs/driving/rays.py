@@ -1,0 +1,66 @@
+"""How far the road is free in a direction, compiled: what a distance sensor of a car would tell."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from numba import njit
+
+from dpsearch.envs.driving.rules import RAY_LENGTH
+from dpsearch.kernels.lanes import FASTMATH
+
+_STRIDE: Final = 2.0  # m, from one point of a ray to the next
+
+
+@njit(fastmath=FASTMATH, error_model="numpy")
+def free_road(floats, tables, rows, samples, spacing, half_width, distance, offset, direction):  # type: ignore[no-untyped-def]
+    """Metres to the edge of the road, at most ``RAY_LENGTH``; 0 off the road.
+
+    The ray is followed in strides. At each of its points the nearest sample of the middle line is found from the one
+    before: the road between two samples is an arc so short that a parabola serves.
+
+    Args:
+        floats: Holds the tables of the middle line: x, y, heading, curvature, cosine and sine of the heading.
+        tables: Where they begin.
+        rows: Numbers in each.
+        samples: Samples in a lap.
+        spacing: Metres between samples.
+        half_width: Of the road (m).
+        distance: Where the ray begins, along the middle line (m).
+        offset: And to the left of it (m).
+        direction: Of the ray, anticlockwise from east (rad).
+    """
+    if not abs(offset) <= half_width:
+        return 0.0
+    i = int(distance / spacing + 0.5) % samples
+    along = distance - i * spacing
+    if along > 0.5 * samples * spacing:
+        along -= samples * spacing
+    cos, sin = floats[tables + 4 * rows + i], floats[tables + 5 * rows + i]
+    across = offset + 0.5 * floats[tables + 3 * rows + i] * along * along
+    x = floats[tables + i] + along * cos - across * sin
+    y = floats[tables + rows + i] + along * sin + across * cos
+    step_x, step_y = _STRIDE * math.cos(direction), _STRIDE * math.sin(direction)
+    before = offset
+    for stride in range(1, int(RAY_LENGTH / _STRIDE) + 1):
+        x += step_x
+        y += step_y
+        for _ in range(2):  # once more from the nearer sample
+            cos, sin, bend = (
+                floats[tables + 4 * rows + i],
+                floats[tables + 5 * rows + i],
+                floats[tables + 3 * rows + i],
+            )
+            east, north = x - floats[tables + i], y - floats[tables + rows + i]
+            along, across = east * cos + north * sin, north * cos - east * sin
+            i = (i + math.floor(along / max(1.0 - across * bend, 0.1) / spacing + 0.5)) % samples
+        east, north = x - floats[tables + i], y - floats[tables + rows + i]
+        cos, sin = floats[tables + 4 * rows + i], floats[tables + 5 * rows + i]
+        along = east * cos + north * sin
+        now = north * cos - east * sin - 0.5 * floats[tables + 3 * rows + i] * along * along
+        if abs(now) > half_width:
+            edge = half_width if now > 0.0 else -half_width
+            return _STRIDE * (stride - 1 + (edge - before) / (now - before))
+        before = now
+    return RAY_LENGTH

@@ -1,0 +1,1 @@
+"""Pole balancing: one pole or two, with velocities or without."""

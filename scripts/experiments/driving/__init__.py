@@ -1,0 +1,1 @@
+"""Racing: section 3.4.4."""

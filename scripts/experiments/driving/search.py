@@ -1,0 +1,81 @@
+"""Black-box search on the steering of section 3.4.4: episodes from anywhere on the road, judged by their returns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from typing_extensions import override
+
+from dpsearch.algos import Algorithm
+from dpsearch.envs.driving.rules import PROFILE
+from dpsearch.policies import RecurrentPolicy
+from dpsearch.report.statistics import Statistic
+from dpsearch.report.tables import Row
+from scripts.experiments.driving.log import Drive
+from scripts.experiments.driving.pedals import drive_on
+from scripts.experiments.experiment import Cell, Method
+from scripts.experiments.jobs import Outcome
+from scripts.experiments.training import Settings, compose
+
+SEARCH: Final = Method("search", "black-box search, steering", ("algo=cmaes",))
+TEST_PROFILE: Final = (10.0, 70.0, 120.0)  # the thesis's speeds, run through in two minutes
+TEST_STEPS: Final = 5400  # three minutes: the third one at the highest speed
+HALF_HOUR: Final = 54_000  # steps
+
+
+class SearchCell(Cell):
+    """Runs that search first and drive then: they have no first clean minutes while they learn."""
+
+    @override
+    def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:
+        """Of the metrics, those that mean the same as of a run that learns while driving."""
+        return super().rows(
+            outcomes, [name for name in metrics if name in ("for_good", "off", "clean", "lap")], statistic
+        )
+
+
+def search_steering(overrides: tuple[str, ...], seed: int) -> Outcome:
+    """Search for about half an hour of driving, then drive half an hour with what has been found."""
+    settings = compose(overrides)
+    algorithm = settings.algorithm(settings.rollouts(), seed)
+    keeps_since = searched(algorithm, settings)
+    algorithm.close()
+    drive = driven(algorithm.policy, settings, PROFILE, HALF_HOUR)
+    minutes = drive.off_seconds
+    return {
+        "solved": 1,
+        "for_good": keeps_since,
+        "off": sum(minutes) / len(minutes),
+        "clean": drive.clean_speed,
+        "lap": drive.best_lap,
+        "env_steps": algorithm.env_steps,
+    }
+
+
+def searched(algorithm: Algorithm[Any], settings: Settings) -> float:
+    """Search, and say after how many seconds of driving it had come up with what kept to the road from then on.
+
+    After each generation its policy is tested, which is no part of the search.
+    """
+    keeps_since = np.inf
+
+    def test(*_: object) -> None:
+        nonlocal keeps_since
+        leaves = driven(algorithm.policy, settings, TEST_PROFILE, TEST_STEPS).off_road.any()
+        keeps_since = np.inf if leaves else min(keeps_since, algorithm.env_steps / 30.0)
+
+    algorithm.learn(total_steps=settings.config.total_steps, callback=test)
+    return min(keeps_since, algorithm.env_steps / 30.0)
+
+
+def driven(policy: RecurrentPolicy, settings: Settings, profile: tuple[float, float, float], steps: int) -> Drive:
+    """A drive from the start line at the speeds of a profile, without learning or noise."""
+    recipe = settings.config.env.recipe()
+    kwargs = {**recipe.kwargs, "speed_profile": profile, "start": "line", "stuck_seconds": 1.0}
+    kwargs["max_episode_steps"] = steps
+    with closing(replace(recipe, kwargs=kwargs).make()) as env:
+        return drive_on(policy, env, steps)

@@ -1,0 +1,1 @@
+"""Black-box functions: chapters 4, 5 and 7."""

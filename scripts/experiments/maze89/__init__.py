@@ -1,0 +1,1 @@
+"""The 89-state maze: table 7.3."""

@@ -1,0 +1,1 @@
+"""The T-maze: figure 3.4, and beyond it."""
