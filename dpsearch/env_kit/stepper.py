@@ -21,7 +21,7 @@ _BLOCKS = types.float64[:, :, ::1]
 
 
 @njit(types.void(_NUMBERS, _NUMBERS, INTS, types.boolean[::1], _BLOCKS), cache=True, nogil=True)
-def _draw(keys, episodes, steps, chosen, noise):  # type: ignore[no-untyped-def]
+def _draw(keys, episodes, steps, chosen, noise):
     """Fills the noise (blocks, rows, LANES) of the chosen environments, each of which has a key of its own."""
     drawn = np.empty((noise.shape[1], 1))
     for i in range(len(keys)):

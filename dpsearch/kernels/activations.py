@@ -40,7 +40,7 @@ def _two_to_the(typing_context: Any, shifted: Any) -> Any:
 
 
 @njit(inline="always")
-def _reduced_expm1(x):  # type: ignore[no-untyped-def]
+def _reduced_expm1(x):
     """``(exp(r) - 1, 2**n)`` with ``x = r + n ln 2`` and ``|r| <= ln(2) / 2``."""
     n = np.rint(x * _LOG2_E)
     r = (x - n * _LN2_HIGH) - n * _LN2_LOW
@@ -49,18 +49,18 @@ def _reduced_expm1(x):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _exp(x):  # type: ignore[no-untyped-def]
+def _exp(x):
     p, scale = _reduced_expm1(min(max(x, _LEAST), _MOST))
     return scale + scale * p
 
 
 @njit(inline="always")
-def _sigmoid(x):  # type: ignore[no-untyped-def]
+def _sigmoid(x):
     return _ONE / (_ONE + _exp(-x))
 
 
 @njit(inline="always")
-def _tanh(x):  # type: ignore[no-untyped-def]
+def _tanh(x):
     p, scale = _reduced_expm1(_TWO * min(max(x, -_FAR), _FAR))
     t = scale * p + (scale - _ONE)  # exp(2 x) - 1
     return t / (t + _TWO)
@@ -79,18 +79,18 @@ def tanh(x: Any) -> Any:
 
 
 @overload(exp, inline="always")
-def _exp_by_precision(x):  # type: ignore[no-untyped-def]
+def _exp_by_precision(x):
     function = _exp if x == types.float32 else elementary.exp
     return lambda x: function(x)
 
 
 @overload(sigmoid, inline="always")
-def _sigmoid_by_precision(x):  # type: ignore[no-untyped-def]
+def _sigmoid_by_precision(x):
     function = _sigmoid if x == types.float32 else elementary.sigmoid
     return lambda x: function(x)
 
 
 @overload(tanh, inline="always")
-def _tanh_by_precision(x):  # type: ignore[no-untyped-def]
+def _tanh_by_precision(x):
     function = _tanh if x == types.float32 else elementary.tanh
     return lambda x: function(x)

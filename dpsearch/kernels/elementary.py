@@ -65,12 +65,12 @@ def float_of(typing_context: Any, bits: Any) -> Any:
 
 
 @njit(inline="always")
-def _two_to_the(n):  # type: ignore[no-untyped-def]
+def _two_to_the(n):
     return float_of(bits_of(n + (_SHIFT + 1023.0)) << 52)
 
 
 @njit(inline="always")
-def _reduced_expm1(x):  # type: ignore[no-untyped-def]
+def _reduced_expm1(x):
     """``(exp(r) - 1, 2**n)`` with ``x = r + n ln 2`` and ``|r| <= ln(2) / 2``."""
     n = np.rint(x * _LOG2_E)
     r = (x - n * _LN2_HIGH) - n * _LN2_LOW
@@ -81,34 +81,34 @@ def _reduced_expm1(x):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def exp(x):  # type: ignore[no-untyped-def]
+def exp(x):
     """``e**x``; arguments outside [-708, 709] are taken to the nearer end."""
     p, scale = _reduced_expm1(min(max(x, -708.0), 709.0))
     return scale + scale * p
 
 
 @njit(inline="always")
-def expm1(x):  # type: ignore[no-untyped-def]
+def expm1(x):
     """``e**x - 1``, accurate near 0 too; arguments outside [-708, 709] are taken to the nearer end."""
     p, scale = _reduced_expm1(min(max(x, -708.0), 709.0))
     return scale * p + (scale - 1.0)
 
 
 @njit(inline="always")
-def sigmoid(x):  # type: ignore[no-untyped-def]
+def sigmoid(x):
     """``1 / (1 + e**-x)``."""
     return 1.0 / (1.0 + exp(-x))
 
 
 @njit(inline="always")
-def tanh(x):  # type: ignore[no-untyped-def]
+def tanh(x):
     """Hyperbolic tangent, accurate near 0 too."""
     t = expm1(2.0 * min(max(x, -40.0), 40.0))
     return t / (t + 2.0)
 
 
 @njit(inline="always")
-def sincos(x):  # type: ignore[no-untyped-def]
+def sincos(x):
     """``(sin x, cos x)`` for ``|x|`` up to 1e5 radians, absolute error below 1e-14."""
     n = np.rint(x * 0.6366197723675814)
     r = ((x - n * _PI_2[0]) - n * _PI_2[1]) - n * _PI_2[2]
@@ -125,7 +125,7 @@ def sincos(x):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def arctan2(y, x):  # type: ignore[no-untyped-def]
+def arctan2(y, x):
     """Angle in [-pi, pi] from the x axis to the point (x, y); 0 for the origin."""
     a, b = abs(x), abs(y)
     small, large = min(a, b), max(max(a, b), 1e-300)
@@ -142,7 +142,7 @@ def arctan2(y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def log(x):  # type: ignore[no-untyped-def]
+def log(x):
     """Natural logarithm of a normal positive float64."""
     bits = bits_of(x)
     exponent = (bits - 0x3FE6A09E667F3BCD) >> 52  # so that the mantissa lies in [sqrt(1/2), sqrt(2))

@@ -28,7 +28,7 @@ _32 = np.uint64(32)
 
 
 @njit(inline="always")  # a 32 x 32 -> 64 bit product and its halves stay in 64-bit lanes, which SIMD units have
-def _rounds(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
+def _rounds(c0, c1, c2, c3, k0, k1):
     for _ in range(10):
         p0 = _MULTIPLIER_0 * c0
         p1 = _MULTIPLIER_1 * c2
@@ -42,7 +42,7 @@ _U64 = types.uint64[::1]
 
 
 @njit(types.void(types.uint64[:, ::1], types.uint64[:, ::1], types.uint64[:, ::1]), cache=True, nogil=True)
-def philox4x32(counters, keys, words):  # type: ignore[no-untyped-def]
+def philox4x32(counters, keys, words):
     """Philox4x32-10 as published: row ``i`` of ``words`` (n, 4) from counter (n, 4) and key (n, 2), 32 bits each."""
     for i in range(counters.shape[0]):
         words[i, 0], words[i, 1], words[i, 2], words[i, 3] = _rounds(
@@ -56,7 +56,7 @@ def philox4x32(counters, keys, words):  # type: ignore[no-untyped-def]
     nogil=True,
     error_model="numpy",
 )
-def draw(key, episode, step, purpose, noise, lanes):  # type: ignore[no-untyped-def]
+def draw(key, episode, step, purpose, noise, lanes):
     """Fill the first ``lanes`` of ``noise`` (a multiple of 4 rows, LANES) with the uniforms in (0, 1) of their steps.
 
     The counter is (step, 4-row block and purpose, episode low, episode high), the key is 64 bits: no two draws of a

@@ -86,7 +86,7 @@ class CompiledPolicy:
 
 
 @njit(inline="always")
-def _put(rows, count, stacked, first):  # type: ignore[no-untyped-def]
+def _put(rows, count, stacked, first):
     """Copies the first rows of something to where ``first`` says; returns the row behind them."""
     for i in range(count):
         for lane in range(LANES):
@@ -95,7 +95,7 @@ def _put(rows, count, stacked, first):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _inputs(sizes, observation, previous, memory, n_memory, stacked):  # type: ignore[no-untyped-def]
+def _inputs(sizes, observation, previous, memory, n_memory, stacked):
     """(observation, previous action, memory, 1), or without the 1, and how many rows that is."""
     columns = _put(observation, sizes[0], stacked, 0)
     columns = _put(previous, sizes[4], stacked, columns)
@@ -103,14 +103,14 @@ def _inputs(sizes, observation, previous, memory, n_memory, stacked):  # type: i
 
 
 @njit(inline="always")
-def _features(sizes, memory, noise, stacked):  # type: ignore[no-untyped-def]
+def _features(sizes, memory, noise, stacked):
     """(memory, noise, 1), or without the 1: what the read-out reads. Returns how many rows that is."""
     columns = _put(memory, sizes[1], stacked, 0)
     return _end(noise, sizes[6], sizes[3], stacked, columns)
 
 
 @njit(inline="always")
-def _end(rows, count, bias, stacked, first):  # type: ignore[no-untyped-def]
+def _end(rows, count, bias, stacked, first):
     """(rows, 1), or without the 1, below what is there already."""
     columns = _put(rows, count, stacked, first)
     for lane in range(LANES):
@@ -119,7 +119,7 @@ def _end(rows, count, bias, stacked, first):  # type: ignore[no-untyped-def]
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def lstm(sizes, weights, observation, hidden, scratch, output, lanes):  # type: ignore[no-untyped-def]
+def lstm(sizes, weights, observation, hidden, scratch, output, lanes):
     """``torch.nn.LSTM`` and a linear layer; ``hidden`` holds the outputs h above the cells c."""
     n, outputs, rows, noise = sizes[1], sizes[2], sizes[0] + sizes[4] + sizes[6] + sizes[1] + 1, hidden[2 * sizes[1] :]
     seen, gates, units = scratch[:rows], scratch[rows:].reshape(-1), n * lanes
@@ -147,7 +147,7 @@ def lstm(sizes, weights, observation, hidden, scratch, output, lanes):  # type: 
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def elman(sizes, weights, observation, hidden, scratch, output, lanes):  # type: ignore[no-untyped-def]
+def elman(sizes, weights, observation, hidden, scratch, output, lanes):
     """``torch.nn.RNN`` with tanh and a linear layer."""
     n, outputs, noise = sizes[1], sizes[2], hidden[sizes[1] :]
     columns = _inputs(sizes, observation, noise[sizes[6] :], hidden, n, scratch)
@@ -160,7 +160,7 @@ def elman(sizes, weights, observation, hidden, scratch, output, lanes):  # type:
 
 
 @njit(_FORWARD, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def memoryless(sizes, weights, observation, hidden, scratch, output, lanes):  # type: ignore[no-untyped-def]
+def memoryless(sizes, weights, observation, hidden, scratch, output, lanes):
     """One tanh layer and a linear layer: reacts to the present observation alone, or that and the previous action."""
     n, outputs, rows = sizes[1], sizes[2], sizes[0] + sizes[4] + sizes[6] + sizes[1] + 1
     seen, units = scratch[:rows], scratch[rows:]
@@ -179,7 +179,7 @@ def memoryless(sizes, weights, observation, hidden, scratch, output, lanes):  # 
     nogil=True,
     error_model="numpy",
 )
-def remember_action(sizes, head_sizes, output, action, hidden):  # type: ignore[no-untyped-def]
+def remember_action(sizes, head_sizes, output, action, hidden):
     """Puts the action taken, and the noise in it, into the last rows of the recurrent state, for who needs them."""
     first = hidden.shape[0] - sizes[4]
     for i in range(sizes[6]):  # how far from where the network alone would have had the mean
@@ -197,7 +197,7 @@ def remember_action(sizes, head_sizes, output, action, hidden):  # type: ignore[
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def categorical_sample(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
+def categorical_sample(sizes, noise, output, action, lanes):
     """Inverts the cumulative softmax of each group of ``sizes[i]`` outputs. Overwrites ``output``."""
     first = 0
     for i in range(sizes.shape[0]):
@@ -220,7 +220,7 @@ def categorical_sample(sizes, noise, output, action, lanes):  # type: ignore[no-
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def categorical_mode(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
+def categorical_mode(sizes, noise, output, action, lanes):
     """The first largest output of each group."""
     first = 0
     for i in range(sizes.shape[0]):
@@ -234,7 +234,7 @@ def categorical_mode(sizes, noise, output, action, lanes):  # type: ignore[no-un
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def gaussian_sample(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
+def gaussian_sample(sizes, noise, output, action, lanes):
     """Box and Muller around the linear mean, with the sigmoid standard deviation."""
     n = sizes[0]
     for i in range(n):
@@ -245,13 +245,13 @@ def gaussian_sample(sizes, noise, output, action, lanes):  # type: ignore[no-unt
 
 
 @njit(SAMPLE, cache=True, nogil=True, error_model="numpy")
-def gaussian_mode(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
+def gaussian_mode(sizes, noise, output, action, lanes):
     """The mean."""
     action[:] = output[: sizes[0]]
 
 
 @njit(SAMPLE, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def deterministic(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
+def deterministic(sizes, noise, output, action, lanes):
     """The outputs, squashed."""
     for i in range(sizes[0]):
         for lane in range(lanes):
@@ -259,7 +259,7 @@ def deterministic(sizes, noise, output, action, lanes):  # type: ignore[no-untyp
 
 
 @njit(SAMPLE, cache=True, nogil=True, error_model="numpy")
-def unsquashed(sizes, noise, output, action, lanes):  # type: ignore[no-untyped-def]
+def unsquashed(sizes, noise, output, action, lanes):
     """The outputs as they are."""
     action[:] = output[: sizes[0]]
 

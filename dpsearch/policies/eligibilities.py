@@ -20,7 +20,7 @@ _WORKING_ROWS = 7  # of ``_weigh``, besides one an output
 
 
 @njit(inline="always")
-def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entropy):  # type: ignore[no-untyped-def]
+def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entropy):
     """Turns the outputs ``(K, BLOCK)`` of ``count`` steps, from ``first`` on, into their eligibilities.
 
     ``(a_i - p_i)`` times the step's weight, for each group of ``sizes[i]`` outputs (section 3.4.2), and the derivatives
@@ -73,7 +73,7 @@ def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entro
     fastmath=FASTMATH,
     error_model="numpy",
 )
-def softmax_eligibilities(sizes, outputs, actions, weights, bonus, eligibilities, entropy):  # type: ignore[no-untyped-def]
+def softmax_eligibilities(sizes, outputs, actions, weights, bonus, eligibilities, entropy):
     """The derivatives of log pi(a|h) by the outputs, weighted, and those of the entropy.
 
     Args:
@@ -112,9 +112,7 @@ _STEPS = types.float32[:, :, ::1]
     fastmath=FASTMATH | {"reassoc"},  # sums over steps may be made in any order, else there is no SIMD for them
     error_model="numpy",
 )
-def softmax_gradient(  # type: ignore[no-untyped-def]
-    sizes, weight, bias, features, actions, weights, bonus, by_features, by_weight, by_bias, entropy
-):
+def softmax_gradient(sizes, weight, bias, features, actions, weights, bonus, by_features, by_weight, by_bias, entropy):
     """The same, backpropagated through the linear layer that makes the outputs of features.
 
     Args:

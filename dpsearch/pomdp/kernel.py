@@ -30,13 +30,13 @@ _HEAD = 13
 
 
 @njit(inline="always")
-def _at(table, index):  # type: ignore[no-untyped-def]
+def _at(table, index):
     """``table[index]`` without Numba's test for negative indices, which is half of the work here."""
     return table[np.uint64(index)]
 
 
 @njit(inline="always")
-def _entry(ints, starts, row, floats, cumulative, uniform):  # type: ignore[no-untyped-def]
+def _entry(ints, starts, row, floats, cumulative, uniform):
     """The entry of a row that a uniform number falls on: the first whose cumulative sum is above it."""
     first = _at(ints, starts + row)
     last = _at(ints, starts + row + 1) - 1
@@ -50,7 +50,7 @@ def _entry(ints, starts, row, floats, cumulative, uniform):  # type: ignore[no-u
 
 
 @njit(RESET, cache=True, nogil=True, error_model="numpy")
-def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
+def reset(floats, ints, noise, lane, state):
     """Draws the start state and the first observation of one lane."""
     actions = ints[_ACTIONS]
     starts = ints[_TRANSITION_STARTS]
@@ -64,7 +64,7 @@ def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
 
 
 @njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
-def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
+def observe(floats, ints, state, observation, lanes):
     """Looks up the features of the symbol that each lane sees."""
     for feature in range(ints[_FEATURES]):
         at = ints[_FEATURE_VALUES] + feature * ints[_SYMBOLS]
@@ -73,7 +73,7 @@ def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped
 
 
 @njit(STEP, cache=True, nogil=True, error_model="numpy")
-def step(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def step(floats, ints, noise, action, state, reward, terminated, lanes):
     """Moves the first lanes on. An action out of range counts as the nearest one, so no lookup goes astray."""
     # Read once: the compiler cannot know that writing a state does not change them.
     actions, transition_starts, next_states = ints[_ACTIONS], ints[_TRANSITION_STARTS], ints[_NEXT_STATES]
@@ -95,7 +95,7 @@ def step(floats, ints, noise, action, state, reward, terminated, lanes):  # type
 
 
 @njit(types.void(INTS, FLOATS, FLOATS), cache=True, nogil=True)
-def _accumulate(starts, probabilities, cumulative):  # type: ignore[no-untyped-def]
+def _accumulate(starts, probabilities, cumulative):
     for row in range(len(starts) - 1):
         total = 0.0
         for entry in range(starts[row], starts[row + 1]):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
     cache=True,
     nogil=True,
 )
-def _discount(values, lengths, factor, sums):  # type: ignore[no-untyped-def]
+def _discount(values, lengths, factor, sums):
     carried = np.zeros(lengths.shape[0])
     for t in range(values.shape[0] - 1, -1, -1):
         for b in range(lengths.shape[0]):
@@ -30,7 +30,7 @@ def _discount(values, lengths, factor, sums):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def _moments(arrays, lengths, moments):  # type: ignore[no-untyped-def]
+def _moments(arrays, lengths, moments):
     count = lengths.sum()
     for i in range(len(arrays)):
         values = arrays[i]
@@ -51,7 +51,7 @@ def _moments(arrays, lengths, moments):  # type: ignore[no-untyped-def]
     cache=True,
     nogil=True,
 )
-def clear_padding(observations, actions, rewards, lengths):  # type: ignore[no-untyped-def]
+def clear_padding(observations, actions, rewards, lengths):
     """Zero what lies beyond the end of each episode, up to the end of the longest; returns its length.
 
     Arrays are (T, B, ..), with T at least that.

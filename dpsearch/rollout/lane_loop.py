@@ -48,21 +48,21 @@ def _forward_at(address: Any, weights: Any) -> Any:
 
 
 @overload(_forward_at, inline="always")
-def _forward_by_weights(address, weights):  # type: ignore[no-untyped-def]
+def _forward_by_weights(address, weights):
     at = _FORWARD_AT[weights]
     return lambda address, weights: at(address)
 
 
-def _load(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
+def _load(weights, population, candidate, lane):
     """Put a candidate's weights into its lane; nothing to do where all lanes share one vector."""
 
 
 @overload(_load, inline="always")
-def _load_by_layout(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
-    def shared(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
+def _load_by_layout(weights, population, candidate, lane):
+    def shared(weights, population, candidate, lane):
         pass
 
-    def per_lane(weights, population, candidate, lane):  # type: ignore[no-untyped-def]
+    def per_lane(weights, population, candidate, lane):
         for i in range(weights.shape[0]):
             weights[i, lane] = population[candidate, i]
 
@@ -70,9 +70,7 @@ def _load_by_layout(weights, population, candidate, lane):  # type: ignore[no-un
 
 
 @njit(inline="always")
-def _close_up(  # type: ignore[no-untyped-def]
-    job, episode, time, total, state, hidden, weights, population, candidates, fewer, lanes
-):
+def _close_up(job, episode, time, total, state, hidden, weights, population, candidates, fewer, lanes):
     """Moves what is played in the last lanes to where nothing is, so that fewer lanes hold it all."""
     free = 0
     for lane in range(fewer, lanes):
@@ -101,7 +99,7 @@ def _signature(weights: Any, population: Any) -> Any:
     nogil=True,
     error_model="numpy",
 )
-def play(  # type: ignore[no-untyped-def]
+def play(
     env_functions,  # addresses: reset, observe, step
     floats,
     ints,

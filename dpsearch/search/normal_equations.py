@@ -19,13 +19,13 @@ _SCALE = math.sqrt(0.5)
 
 
 @njit(inline="always")
-def _at(a, b):  # type: ignore[no-untyped-def]
+def _at(a, b):
     """The number of the product y_a y_b, a <= b: all those of the first coordinates come first."""
     return b * (b + 1) // 2 + a
 
 
 @njit(types.void(ROWS, FLOATS, ROWS, FLOATS), cache=True, nogil=True, error_model="numpy")
-def normal_equations(points, targets, gram, right):  # type: ignore[no-untyped-def]
+def normal_equations(points, targets, gram, right):
     """Write ``gram`` and ``right`` of the equations ``gram @ coefficients = right`` of the best fit of the targets.
 
     Number ``b (b + 1) / 2 + a`` of the p = (d + 1) (d + 2) / 2 regressors is y_a y_b, a <= b, but y_b^2 counts as

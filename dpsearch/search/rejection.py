@@ -21,7 +21,7 @@ from dpsearch.kernels.lanes import FASTMATH, FLOATS, ROWS
     fastmath=FASTMATH,
     error_model="numpy",
 )
-def renewed(n, shift, stretch, log_volume, refresh_rate, generator):  # type: ignore[no-untyped-def]
+def renewed(n, shift, stretch, log_volume, refresh_rate, generator):
     """Points ``(n, d)``: draws y from N(0, I), accepted with max(eta, 1 - old / new density).
 
     Args:

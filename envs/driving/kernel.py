@@ -70,7 +70,7 @@ _exact = njit(forceinline=True, error_model="numpy")
 
 
 @_inline
-def _drive(floats, ints, action, state, lanes):  # type: ignore[no-untyped-def]
+def _drive(floats, ints, action, state, lanes):
     """One substep of the first lanes."""
     h = floats[_SECONDS] / ints[_SUBSTEPS]
     pedals = ints[_PEDALS] == 1
@@ -114,7 +114,7 @@ def _drive(floats, ints, action, state, lanes):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _judge(floats, ints, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def _judge(floats, ints, state, reward, terminated, lanes):
     """After a step: walls, laps, rewards and ends."""
     half_width, length, seconds = floats[_HALF_WIDTH], floats[_LENGTH], floats[_SECONDS]
     along, centred = ints[_PAYS] >= 1, ints[_PAYS] == 2
@@ -152,7 +152,7 @@ def _judge(floats, ints, state, reward, terminated, lanes):  # type: ignore[no-u
 
 
 @_inline
-def _read(floats, table, where, spacing):  # type: ignore[no-untyped-def]
+def _read(floats, table, where, spacing):
     """A number of the road at ``where`` metres, between its samples."""
     row = where / spacing
     i = np.int64(row)
@@ -161,7 +161,7 @@ def _read(floats, table, where, spacing):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _survey(floats, ints, state, i):  # type: ignore[no-untyped-def]
+def _survey(floats, ints, state, i):
     """Looks up what the road is like where the car of lane ``i`` is now, and at the look-ahead distance."""
     spacing, length, seconds = floats[_SPACING], floats[_LENGTH], floats[_SECONDS]
     rows = ints[_SAMPLES] + _AHEAD + 1
@@ -184,13 +184,13 @@ def _survey(floats, ints, state, i):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(FLOATS, INTS, ROWS), cache=True, error_model="numpy", fastmath=FASTMATH)
-def survey(floats, ints, state):  # type: ignore[no-untyped-def]
+def survey(floats, ints, state):
     """Looks up what lane 0 has to know of the road where it is."""
     _survey(floats, ints, state.ravel(), 0)
 
 
 @njit(RESET, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
+def reset(floats, ints, noise, lane, state):
     """Puts one lane on the start line, or anywhere on the road, in its middle and along it, at the first speed."""
     for row in range(STATE_SIZE):
         state[row, lane] = 0.0
@@ -201,7 +201,7 @@ def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
 
 
 @njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def step(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def step(floats, ints, noise, action, state, reward, terminated, lanes):
     """One step of the first lanes."""
     actions, flat = action.ravel(), state.ravel()
     for _ in range(ints[_SUBSTEPS]):
@@ -212,7 +212,7 @@ def step(floats, ints, noise, action, state, reward, terminated, lanes):  # type
 
 
 @_exact
-def _bearing(state, i):  # type: ignore[no-untyped-def]
+def _bearing(state, i):
     """Of the middle of the road at the look-ahead distance, from the car's heading (rad)."""
     n, p = state[OFFSET * LANES + i], state[ANGLE * LANES + i]
     x, y = state[_AHEAD_X * LANES + i], state[_AHEAD_Y * LANES + i]
@@ -222,7 +222,7 @@ def _bearing(state, i):  # type: ignore[no-untyped-def]
 
 
 @_exact
-def _look(floats, ints, state, seen, first, lanes):  # type: ignore[no-untyped-def]
+def _look(floats, ints, state, seen, first, lanes):
     """The free road in all directions; ``first`` is where the first one stands in ``seen``."""
     rows = ints[_SAMPLES] + _AHEAD + 1
     for i in range(lanes):
@@ -244,7 +244,7 @@ def _look(floats, ints, state, seen, first, lanes):  # type: ignore[no-untyped-d
 
 
 @_exact
-def _see(floats, name, state, seen, first, lanes):  # type: ignore[no-untyped-def]
+def _see(floats, name, state, seen, first, lanes):
     """What has the name, in the first lanes, neither shifted nor scaled."""
     lock, half_width = floats[_LOCK], floats[_HALF_WIDTH]
     speed, rise, rise_steps = floats[_SPEED], floats[_RISE], floats[_RISE_STEPS]
@@ -272,7 +272,7 @@ def _see(floats, name, state, seen, first, lanes):  # type: ignore[no-untyped-de
 
 
 @njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
-def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
+def observe(floats, ints, state, observation, lanes):
     """Shows what the agent may see, shifted and scaled."""
     rows, seen = state.ravel(), observation.ravel()
     first = 0

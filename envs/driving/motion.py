@@ -47,13 +47,13 @@ _inline = njit(forceinline=True, fastmath=FASTMATH, error_model="numpy")
 
 
 @_inline
-def within(x, bound):  # type: ignore[no-untyped-def]
+def within(x, bound):
     """The nearest number to x of those from -bound to bound."""
     return min(max(x, -bound), bound)
 
 
 @_inline
-def _side_force(sideways, forwards, stiffness, grip, along, floor):  # type: ignore[no-untyped-def]
+def _side_force(sideways, forwards, stiffness, grip, along, floor):
     """The brush: force to the left on an axle whose wheels move so, with a force along them."""
     room = math.sqrt(grip * grip - along * along)
     rest = 1.0 - min(stiffness * abs(sideways) / (3.0 * room * max(abs(forwards), floor)), 1.0)
@@ -62,7 +62,7 @@ def _side_force(sideways, forwards, stiffness, grip, along, floor):  # type: ign
 
 
 @_inline
-def _rates(n, p, u, v, r, sin_d, cos_d, bend, tyres, motor):  # type: ignore[no-untyped-def]
+def _rates(n, p, u, v, r, sin_d, cos_d, bend, tyres, motor):
     """Time derivatives of (s, n, p, u, v, r); ``tyres`` and ``motor`` are what is constant in a substep.
 
     Of mass, inertia and the speed of the standstill, here are the inverses: divisions take long.
@@ -94,12 +94,12 @@ def _rates(n, p, u, v, r, sin_d, cos_d, bend, tyres, motor):  # type: ignore[no-
 
 
 @_inline
-def _mean(h, k1, k2, k3, k4):  # type: ignore[no-untyped-def]
+def _mean(h, k1, k2, k3, k4):
     return h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
 
 
 @_inline
-def _both_wheels(inner, spread):  # type: ignore[no-untyped-def]
+def _both_wheels(inner, spread):
     """Sine and cosine of where the one front wheel of the model points, if the inner one of two points there."""
     sin, cos = sincos(inner)
     cos += spread * abs(sin)
@@ -108,7 +108,7 @@ def _both_wheels(inner, spread):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def advance(h, n, p, u, v, r, d, goal, pace, spread, bend, tyres, motor):  # type: ignore[no-untyped-def]
+def advance(h, n, p, u, v, r, d, goal, pace, spread, bend, tyres, motor):
     """One substep of h seconds: how much (s, n, p, u, v, r) change, and where the inner wheel points afterwards."""
     sin_1, cos_1 = _both_wheels(d, spread)
     d += within(goal - d, h * pace)

@@ -14,7 +14,7 @@ _STRIDE: Final = 2.0  # m, from one point of a ray to the next
 
 
 @njit(fastmath=FASTMATH, error_model="numpy")
-def free_road(floats, tables, rows, samples, spacing, half_width, distance, offset, direction):  # type: ignore[no-untyped-def]
+def free_road(floats, tables, rows, samples, spacing, half_width, distance, offset, direction):
     """Metres to the edge of the road, at most ``RAY_LENGTH``; 0 off the road.
 
     The ray is followed in strides. At each of its points the nearest sample of the middle line is found from the one

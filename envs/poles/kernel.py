@@ -77,7 +77,7 @@ _inline = njit(forceinline=True, fastmath=FASTMATH, error_model="numpy")
 
 
 @_inline
-def _sincos(x):  # type: ignore[no-untyped-def]
+def _sincos(x):
     """``(sin x, cos x)``, absolute error about 1e-15 for ``|x|`` up to 1.25, which no step of an episode reaches.
 
     Faster than ``elementary.sincos``: the argument is not reduced, and fewer operations wait for one another.
@@ -92,7 +92,7 @@ def _sincos(x):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def applied_force(action):  # type: ignore[no-untyped-def]
+def applied_force(action):
     """Newtons for an action in [-1, 1], never less than the smallest force."""
     force = LARGEST_FORCE * min(max(action, -1.0), 1.0)
     smallest = SMALLEST_FORCE if force >= 0.0 else -SMALLEST_FORCE
@@ -100,13 +100,13 @@ def applied_force(action):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _drag(v, friction):  # type: ignore[no-untyped-def]
+def _drag(v, friction):
     """The friction of the cart, ``friction * sign v``. Where ``friction`` is a literal 0, nothing is left of it."""
     return friction if v > 0.0 else (-friction if v < 0.0 else 0.0)
 
 
 @_inline
-def _pole(a, w, mass, half_length):  # type: ignore[no-untyped-def]
+def _pole(a, w, mass, half_length):
     """What a pole does to the cart: ``cos a``, its pull, its push, and its share of the mass to be moved."""
     s, c = _sincos(a)
     pull = HINGE_FRICTION / (mass * half_length) * w + GRAVITY * s
@@ -115,7 +115,7 @@ def _pole(a, w, mass, half_length):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _one(v, a, w, force, friction):  # type: ignore[no-untyped-def]
+def _one(v, a, w, force, friction):
     """The accelerations (dv/dt, dw/dt) with one pole."""
     c, pull, push, moved = _pole(a, w, MASS_1, HALF_LENGTH_1)
     acceleration = (force - _drag(v, friction) + push) / ((CART_MASS + 0.25 * MASS_1) + moved)
@@ -123,7 +123,7 @@ def _one(v, a, w, force, friction):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _two(v, a, w, b, u, force, friction):  # type: ignore[no-untyped-def]
+def _two(v, a, w, b, u, force, friction):
     """The accelerations (dv/dt, dw/dt, du/dt) with two poles, the second one at angle b with velocity u."""
     c1, pull1, push1, moved1 = _pole(a, w, MASS_1, HALF_LENGTH_1)
     c2, pull2, push2, moved2 = _pole(b, u, MASS_2, HALF_LENGTH_2)
@@ -134,28 +134,28 @@ def _two(v, a, w, b, u, force, friction):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _stage_2(p, v):  # type: ignore[no-untyped-def]
+def _stage_2(p, v):
     return p + _HALF * v
 
 
 @_inline
-def _stage_3(p, v, d1):  # type: ignore[no-untyped-def]
+def _stage_3(p, v, d1):
     return p + _HALF * v + _SQUARE_4 * d1
 
 
 @_inline
-def _stage_4(p, v, d2):  # type: ignore[no-untyped-def]
+def _stage_4(p, v, d2):
     return p + TIME_STEP * v + _SQUARE_2 * d2
 
 
 @_inline
-def _integral(p, v, d1, d2, d3, d4):  # type: ignore[no-untyped-def]
+def _integral(p, v, d1, d2, d3, d4):
     """Position and velocity one time step on, from the accelerations at the four stages."""
     return p + TIME_STEP * v + _SQUARE_6 * (d1 + d2 + d3), v + _SIXTH * (d1 + 2.0 * (d2 + d3) + d4)
 
 
 @_inline
-def _advance_one(x, v, a, w, force, friction):  # type: ignore[no-untyped-def]
+def _advance_one(x, v, a, w, force, friction):
     """One time step of one pole."""
     v1, w1 = _one(v, a, w, force, friction)
     v2, w2 = _one(v + _HALF * v1, _stage_2(a, w), w + _HALF * w1, force, friction)
@@ -167,7 +167,7 @@ def _advance_one(x, v, a, w, force, friction):  # type: ignore[no-untyped-def]
 
 
 @_inline
-def _advance_two(x, v, a, w, b, u, force, friction):  # type: ignore[no-untyped-def]
+def _advance_two(x, v, a, w, b, u, force, friction):
     """One time step of two poles."""
     v1, w1, u1 = _two(v, a, w, b, u, force, friction)
     v2, w2, u2 = _two(v + _HALF * v1, _stage_2(a, w), w + _HALF * w1, _stage_2(b, u), u + _HALF * u1, force, friction)
@@ -193,7 +193,7 @@ def _advance_two(x, v, a, w, b, u, force, friction):  # type: ignore[no-untyped-
 
 
 @_inline
-def _step_one(floats, friction, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def _step_one(floats, friction, action, state, reward, terminated, lanes):
     track, lean, survived, failed = floats[_TRACK], floats[_LEAN], floats[_SURVIVED], floats[_FAILED]
     for i in range(lanes):
         x, v, a, w = state[i], state[LANES + i], state[2 * LANES + i], state[3 * LANES + i]
@@ -207,7 +207,7 @@ def _step_one(floats, friction, action, state, reward, terminated, lanes):  # ty
 
 
 @_inline
-def _step_two(floats, friction, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def _step_two(floats, friction, action, state, reward, terminated, lanes):
     track, lean, survived, failed = floats[_TRACK], floats[_LEAN], floats[_SURVIVED], floats[_FAILED]
     for i in range(lanes):
         x, v, a, w = state[i], state[LANES + i], state[2 * LANES + i], state[3 * LANES + i]
@@ -223,13 +223,13 @@ def _step_two(floats, friction, action, state, reward, terminated, lanes):  # ty
 
 
 @_inline
-def _motion(state, i):  # type: ignore[no-untyped-def]
+def _motion(state, i):
     """How much moves: ``|x| + |v| + |a_1| + |w_1|``."""
     return abs(state[i]) + abs(state[LANES + i]) + abs(state[2 * LANES + i]) + abs(state[3 * LANES + i])
 
 
 @_inline
-def _damping(size, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def _damping(size, state, reward, terminated, lanes):
     """Pays each step what it adds to Gruau's fitness; ``size`` is the number of rows before its own."""
     steps, fitness, window = size * LANES, (size + 1) * LANES, (size + 2) * LANES
     for i in range(lanes):
@@ -252,7 +252,7 @@ def _damping(size, state, reward, terminated, lanes):  # type: ignore[no-untyped
 
 
 @njit(RESET, cache=True, nogil=True, error_model="numpy")
-def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
+def reset(floats, ints, noise, lane, state):
     """Puts one lane at one of the starts, all equally likely. With only one, no random number is needed."""
     starts = ints[_STARTS]
     row = np.int64(noise[0, lane] * starts) if starts > 1 else 0
@@ -267,7 +267,7 @@ def reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
 
 
 @njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
-def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
+def observe(floats, ints, state, observation, lanes):
     """Shows the rows that the agent may see, scaled."""
     for i in range(ints[_SEEN]):
         row = ints[_SEEN_ROWS + i]
@@ -277,7 +277,7 @@ def observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped
 
 
 @njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def step_one(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def step_one(floats, ints, noise, action, state, reward, terminated, lanes):
     """Two time steps of one pole in the first lanes."""
     actions, flat = action.ravel(), state.ravel()
     if floats[_FRICTION] == 0.0:
@@ -289,7 +289,7 @@ def step_one(floats, ints, noise, action, state, reward, terminated, lanes):  # 
 
 
 @njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
-def step_two(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def step_two(floats, ints, noise, action, state, reward, terminated, lanes):
     """Two time steps of two poles in the first lanes."""
     actions, flat = action.ravel(), state.ravel()
     if floats[_FRICTION] == 0.0:

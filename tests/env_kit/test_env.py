@@ -25,19 +25,19 @@ MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 
 
 @njit(RESET)
-def _drift_reset(floats, ints, noise, lane, state):  # type: ignore[no-untyped-def]
+def _drift_reset(floats, ints, noise, lane, state):
     state[0, lane] = noise[0, lane] - 0.5
     state[1, lane] = noise[5, lane] - 0.5
 
 
 @njit(OBSERVE)
-def _drift_observe(floats, ints, state, observation, lanes):  # type: ignore[no-untyped-def]
+def _drift_observe(floats, ints, state, observation, lanes):
     for lane in range(lanes):
         observation[0, lane] = state[0, lane] * floats[0]
 
 
 @njit(STEP)
-def _drift_step(floats, ints, noise, action, state, reward, terminated, lanes):  # type: ignore[no-untyped-def]
+def _drift_step(floats, ints, noise, action, state, reward, terminated, lanes):
     for lane in range(lanes):
         over = abs(state[0, lane]) > 1
         state[0, lane] += 0.3 * min(max(action[0, lane], -1.0), 1.0) + noise[5, lane] - 0.5

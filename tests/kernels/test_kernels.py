@@ -170,7 +170,7 @@ def test_noise_rows_come_in_fours() -> None:
 
 
 @njit  # type: ignore[untyped-decorator, unused-ignore]
-def _elementary(x, out):  # type: ignore[no-untyped-def]
+def _elementary(x, out):
     for i in range(len(x)):
         out[0, i] = exp(x[i])
         out[1, i] = tanh(x[i])
@@ -187,7 +187,7 @@ def elementary(x: Any) -> dict[str, NDArray[np.float64]]:
 
 
 @njit  # type: ignore[untyped-decorator, unused-ignore]
-def _angles(y, x, out):  # type: ignore[no-untyped-def]
+def _angles(y, x, out):
     for i in range(len(x)):
         out[i] = arctan2(y[i], x[i])
 
@@ -256,7 +256,7 @@ def test_elementary_functions_at_their_ends() -> None:
 
 
 @njit  # type: ignore[untyped-decorator, unused-ignore]
-def _activations(x, out):  # type: ignore[no-untyped-def]
+def _activations(x, out):
     for i in range(len(x)):
         out[0, i] = activations.exp(x[i])
         out[1, i] = activations.sigmoid(x[i])
@@ -294,7 +294,7 @@ def test_activations_in_double_precision_are_the_elementary_functions() -> None:
 
 
 @njit  # type: ignore[untyped-decorator, unused-ignore]
-def _matvec(weights, offset, rows, columns, x, output, lanes=LANES):  # type: ignore[no-untyped-def]
+def _matvec(weights, offset, rows, columns, x, output, lanes=LANES):
     matvec(weights, offset, rows, columns, x, output, lanes)
 
 
@@ -354,7 +354,7 @@ def test_matvec_in_single_precision_may_write_either(written: str) -> None:
 
 
 @njit(types.void(INTS, INTS), nogil=True)
-def _take(counter, taken):  # type: ignore[no-untyped-def]
+def _take(counter, taken):
     for i in range(len(taken)):
         taken[i] = fetch_add(counter)
 
@@ -373,13 +373,13 @@ _doubler_at = function_at(_DOUBLE_IT)
 
 
 @njit(_DOUBLE_IT)
-def _double_it(x):  # type: ignore[no-untyped-def]
+def _double_it(x):
     for i in range(len(x)):
         x[i] *= 2.0
 
 
 @njit(types.void(types.int64, FLOATS), nogil=True)
-def _call(address, x):  # type: ignore[no-untyped-def]
+def _call(address, x):
     _doubler_at(address)(x)
 
 
