@@ -193,7 +193,7 @@ class RolloutConfig:
 
     Attributes:
         threads: Threads of the lane engine; results do not depend on it.
-        num_envs: Environments that the vector engine plays side by side; null for its default.
+        num_envs: Environments that the gym engine plays side by side; null for its default.
     """
 
     threads: int = 1

@@ -16,7 +16,6 @@ import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from typing_extensions import TypeIs
 
 from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.kernels.philox import stream_key
@@ -120,7 +119,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         self.max_episode_steps = max_episode_steps
         self.rollouts: Rollouts = (
             env
-            if _is_rollouts(env)
+            if isinstance(env, Rollouts)
             else make_rollouts(env, threads=threads, env_kwargs=env_kwargs, max_episode_steps=max_episode_steps)
         )
         if isinstance(policy, RecurrentPolicy):
@@ -366,7 +365,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         if env is None and content["env"] is None:
             raise CheckpointError(f"{path} does not know its environment's id: give load(path, env=...)")
         source: Env = content["env"] if env is None else env
-        to_make = isinstance(source, str) or (callable(source) and not _is_rollouts(source))
+        to_make = isinstance(source, str) or (callable(source) and not isinstance(source, Rollouts))
         algorithm = cls(
             source,
             cls.config_type(**content["config"]),
@@ -381,7 +380,3 @@ class Algorithm(ABC, Generic[ConfigT]):
         except (KeyError, RuntimeError, ValueError) as error:
             raise CheckpointError(f"{path} does not fit this environment: {str(error).splitlines()[0]}") from error
         return algorithm
-
-
-def _is_rollouts(env: Env) -> TypeIs[Rollouts]:
-    return hasattr(env, "collect") and hasattr(env, "evaluate")

@@ -20,7 +20,7 @@ from dpsearch.kernels.lanes import LANES, EnvKernel, noise_rows
 from dpsearch.kernels.philox import ENVIRONMENT, draw, stream_key
 from dpsearch.policies.policy import RecurrentPolicy
 from dpsearch.rollout.gym_envs import EnvSource
-from dpsearch.rollout.lane_engine import CompiledRollouts
+from dpsearch.rollout.lane_engine import LaneEngine
 from dpsearch.rollout.make import make_rollouts
 
 TWO_POLES = "dpsearch.envs:dpsearch/DoublePoleHidden-v0"
@@ -74,7 +74,7 @@ def balanced_starts(
     arguments = {**env_kwargs, "reward": "steps", "start_state": GENERALISATION}
     key = stream_key(0)
     with closing(make_rollouts(env, threads=threads, env_kwargs=arguments, max_episode_steps=steps)) as rollouts:
-        if not isinstance(rollouts, CompiledRollouts):
+        if not isinstance(rollouts, LaneEngine):
             raise ValueError("the test needs a task of balancing poles, without wrappers")
         if steps > rollouts.max_steps:
             raise ValueError(f"steps must be at most {rollouts.max_steps}, got {steps}")

@@ -2,19 +2,19 @@
 
 from dpsearch.rollout.base import Rollouts
 from dpsearch.rollout.episodes import Episodes
-from dpsearch.rollout.gym_engine import VectorRollouts
+from dpsearch.rollout.gym_engine import GymEngine
 from dpsearch.rollout.gym_envs import EnvSource
-from dpsearch.rollout.lane_engine import CompiledRollouts
+from dpsearch.rollout.lane_engine import LaneEngine
 from dpsearch.rollout.make import make_rollouts
 from dpsearch.rollout.stream import Pieces, Stream
 
 __all__ = [
-    "CompiledRollouts",
     "EnvSource",
     "Episodes",
+    "GymEngine",
+    "LaneEngine",
     "Pieces",
     "Rollouts",
     "Stream",
-    "VectorRollouts",
     "make_rollouts",
 ]

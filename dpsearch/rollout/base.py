@@ -1,9 +1,13 @@
-"""What every engine offers: two verbs, ``collect`` and ``evaluate``, and what a policy must fit."""
+"""Rollouts: two verbs, ``collect`` and ``evaluate``, written once for both engines.
+
+An engine says how queued episodes are played, in ``play``; ``lane_engine.py`` and ``gym_engine.py`` do.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,16 +17,16 @@ from dpsearch.policies.policy import RecurrentPolicy
 from dpsearch.rollout.episodes import Episodes
 
 
-class Rollouts(Protocol):
+class Rollouts(ABC):
     """Plays episodes of one environment.
 
     Attributes:
-        observation_space: The environment's own, of a single environment.
-        action_space: The environment's own, of a single environment.
+        observation_space: The observation space of a single environment.
+        action_space: The action space of a single environment.
         observation_size: Length O of the flat observation a policy sees.
         max_steps: Step cap of an episode.
         reward_threshold: Mean return that counts as solved, or None if the environment names none.
-        make_env: Makes one more environment of the kind; None if what there is came ready.
+        make_env: Makes one more environment of the kind; None for an environment that came ready made.
     """
 
     observation_space: gym.Space[Any]
@@ -45,14 +49,22 @@ class Rollouts(Protocol):
         """Play whole episodes with one policy.
 
         Args:
-            policy: Whose actions to take.
+            policy: The policy that acts.
             n_episodes: Episodes B to play.
             key: 64-bit key of the randomness (``kernels.philox.stream_key``).
             first_episode: Number of the first episode: all randomness is a function of (key, number).
             greedy: Take the most probable action instead of a random one.
             record: False leaves observations, actions and rewards out, ``(0, B, ..)``: enough to evaluate.
+
+        Raises:
+            ValueError: If the policy does not fit the environment, or ``n_episodes`` is below 1.
+            FloatingPointError: If the environment shows a number that is NaN or infinite.
         """
-        ...
+        if n_episodes < 1:
+            raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
+        numbers = np.arange(first_episode, first_episode + n_episodes, dtype=np.uint64)
+        candidates = np.zeros(n_episodes, np.int64)
+        return self.play(policy, policy.vector(), key, numbers, candidates, greedy, record=record)
 
     def evaluate(
         self,
@@ -75,16 +87,47 @@ class Rollouts(Protocol):
 
         Returns:
             Undiscounted returns ``(N, E)`` and lengths ``(N, E)`` in steps.
-        """
-        ...
 
+        Raises:
+            ValueError: If the policy does not fit the environment, or the arrays do not fit the policy.
+            FloatingPointError: If the environment shows a number that is NaN or infinite.
+        """
+        weights, numbers = check_population(policy, population, episodes)
+        candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])
+        played = self.play(policy, weights, key, numbers.ravel(), candidates, greedy, record=False)
+        return played.returns.reshape(numbers.shape), played.lengths.reshape(numbers.shape)
+
+    @abstractmethod
+    def play(
+        self,
+        policy: RecurrentPolicy,
+        weights: NDArray[np.float64],
+        key: int,
+        numbers: NDArray[np.uint64],
+        candidates: NDArray[np.int64],
+        greedy: bool,
+        *,
+        record: bool,
+    ) -> Episodes:
+        """Play the queued episodes.
+
+        Args:
+            policy: The architecture.
+            weights: ``(P,)`` for all episodes, or ``(N, P)``, a row for each candidate.
+            key: 64-bit key of the randomness.
+            numbers: ``(B,)`` episode numbers.
+            candidates: ``(B,)``, the row of ``weights`` that plays each episode.
+            greedy: Take the most probable action instead of a random one.
+            record: Whether observations, actions and rewards are kept.
+        """
+
+    @abstractmethod
     def close(self) -> None:
         """Let go of threads, processes and windows."""
-        ...
 
 
 def check_fit(policy: RecurrentPolicy, observation_size: int, action_size: int) -> None:
-    """Make sure that a policy sees and does what an environment shows and takes.
+    """Check that a policy has the sizes of the environment's observations and actions.
 
     Raises:
         ValueError: If it does not.

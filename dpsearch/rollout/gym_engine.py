@@ -1,4 +1,4 @@
-"""The vector engine: rollouts for any Gymnasium environment.
+"""The gym engine: rollouts for any Gymnasium environment.
 
 As many episodes are begun as were asked for, and each is played to its end: to stop as soon as enough have
 ended would favour the short ones.
@@ -9,19 +9,20 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from typing_extensions import override
 
 from dpsearch.kernels.philox import episode_seeds
 from dpsearch.policies.policy import RecurrentPolicy
 from dpsearch.rollout.actor import LaneActor
-from dpsearch.rollout.base import check_fit, check_population
+from dpsearch.rollout.base import Rollouts, check_fit
 from dpsearch.rollout.episodes import Episodes
 from dpsearch.rollout.gym_envs import EnvSource, Vectorization, open_lanes, single_env
 
 _IDLE = -1
 
 
-class VectorRollouts:
+class GymEngine(Rollouts):
     """Plays episodes of any Gymnasium environment, many side by side.
 
     An episode is a function of its key and number, with one exception: a vector environment that resets
@@ -76,53 +77,13 @@ class VectorRollouts:
             raise ValueError("the environment has no step limit: give max_episode_steps")
         self.max_steps: int = min(limits)
 
-    def collect(
-        self,
-        policy: RecurrentPolicy,
-        n_episodes: int,
-        *,
-        key: int,
-        first_episode: int = 0,
-        greedy: bool = False,
-        record: bool = True,
-    ) -> Episodes:
-        """Play whole episodes with one policy; see ``Rollouts.collect``.
-
-        Raises:
-            ValueError: If the policy does not fit the environment.
-            FloatingPointError: If the environment shows something that is NaN or infinite.
-        """
-        if n_episodes < 1:
-            raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
-        numbers = np.arange(first_episode, first_episode + n_episodes, dtype=np.uint64)
-        candidates = np.zeros(n_episodes, np.int64)
-        return self._play(policy, policy.vector(), key, numbers, candidates, greedy, record)
-
-    def evaluate(
-        self,
-        policy: RecurrentPolicy,
-        population: ArrayLike,
-        *,
-        key: int,
-        episodes: ArrayLike,
-        greedy: bool = False,
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Play episodes with many weight vectors; see ``Rollouts.evaluate``.
-
-        Raises:
-            ValueError: If the policy does not fit the environment, or the arrays do not fit the policy.
-            FloatingPointError: If the environment shows something that is NaN or infinite.
-        """
-        weights, numbers = check_population(policy, population, episodes)
-        candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])
-        played = self._play(policy, weights, key, numbers.ravel(), candidates, greedy, record=False)
-        return played.returns.reshape(numbers.shape), played.lengths.reshape(numbers.shape)
-
+    @override
     def close(self) -> None:
         """Close the environments that were made here."""
         self._lanes.close()
 
-    def _play(
+    @override
+    def play(
         self,
         policy: RecurrentPolicy,
         weights: NDArray[np.float64],
@@ -130,8 +91,10 @@ class VectorRollouts:
         numbers: NDArray[np.uint64],
         candidates: NDArray[np.int64],
         greedy: bool,
+        *,
         record: bool,
     ) -> Episodes:
+        """Play the queued episodes; see ``Rollouts.play``."""
         check_fit(policy, self.observation_size, self._lanes.action_size)
         try:
             return self._play_queue(policy, weights, key, numbers, candidates, greedy, record)

@@ -260,7 +260,7 @@ def open_lanes(
     vectorization: Vectorization = "sync",
     env_kwargs: dict[str, Any] | None = None,
 ) -> GymLanes:
-    """Lanes for an environment given in any form; ``VectorRollouts`` says what the arguments mean.
+    """Lanes for an environment given in any form; ``GymEngine`` says what the arguments mean.
 
     Raises:
         UnsupportedSpaceError: If a space is of a kind that no policy can handle.

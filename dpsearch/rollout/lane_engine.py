@@ -10,7 +10,8 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from typing_extensions import override
 
 from dpsearch.kernels.lanes import (
     FORWARD_LANES,
@@ -27,9 +28,9 @@ from dpsearch.kernels.lanes import (
 )
 from dpsearch.policies.compiled import CompiledPolicy
 from dpsearch.policies.policy import RecurrentPolicy
-from dpsearch.rollout.base import check_fit, check_population
+from dpsearch.rollout import lane_loop
+from dpsearch.rollout.base import Rollouts, check_fit
 from dpsearch.rollout.episodes import Episodes, clear_padding
-from dpsearch.rollout.lane_loop import play
 
 # By dimensions and precision of the weights: ``play`` calls what is at an address as its weights say.
 _FORWARD = {
@@ -40,7 +41,7 @@ _FORWARD = {
 
 
 @dataclass
-class CompiledRollouts:
+class LaneEngine(Rollouts):
     """Plays episodes of one environment in lanes.
 
     Args:
@@ -86,70 +87,33 @@ class CompiledRollouts:
         """Without what cannot be pickled, and is made again when it is needed."""
         return {name: value for name, value in vars(self).items() if name not in ("_environment", "_pool")}
 
+    @override
     def close(self) -> None:
         """Let go of the threads; they come back when they are needed."""
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
 
-    def collect(
-        self,
-        policy: RecurrentPolicy,
-        n_episodes: int,
-        *,
-        key: int,
-        first_episode: int = 0,
-        greedy: bool = False,
-        record: bool = True,
-    ) -> Episodes:
-        """Play whole episodes with one policy; see ``Rollouts.collect``.
-
-        Raises:
-            ValueError: If the policy does not fit the environment.
-        """
-        if n_episodes < 1:
-            raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
-        numbers = np.arange(first_episode, first_episode + n_episodes, dtype=np.uint64)
-        candidates = np.zeros(n_episodes, np.int64)
-        return self._play(policy, policy.vector(), key, numbers, candidates, greedy, record)
-
-    def evaluate(
-        self,
-        policy: RecurrentPolicy,
-        population: ArrayLike,
-        *,
-        key: int,
-        episodes: ArrayLike,
-        greedy: bool = False,
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Play episodes with many weight vectors; see ``Rollouts.evaluate``.
-
-        Raises:
-            ValueError: If the policy does not fit the environment, or the arrays do not fit the policy.
-        """
-        weights, numbers = check_population(policy, population, episodes)
-        candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])
-        played = self._play(policy, weights, key, numbers.ravel(), candidates, greedy, record=False)
-        return played.returns.reshape(numbers.shape), played.lengths.reshape(numbers.shape)
-
-    def _play(
+    @override
+    def play(
         self,
         policy: RecurrentPolicy,
         weights: NDArray[np.float64],
         key: int,
-        episodes: NDArray[np.uint64],
+        numbers: NDArray[np.uint64],
         candidates: NDArray[np.int64],
         greedy: bool,
+        *,
         record: bool,
     ) -> Episodes:
-        """Play the episodes of these numbers, with weights (P,) for all or each with its candidate's of (N, P)."""
+        """Play the queued episodes; see ``Rollouts.play``."""
         kernel, compiled = self.kernel, policy.compiled()
         check_fit(policy, kernel.observation_size, kernel.action_size)
         weights = compiled.pack(weights, greedy)
         agent = _agent(compiled, greedy, weights.ndim, weights.dtype)
         queue = np.zeros(1, np.int64)
-        jobs = (np.uint64(key), episodes, candidates, self.max_steps, queue)
-        n, steps = len(episodes), self.max_steps if record else 0  # memory costs nothing until it is written
+        jobs = (np.uint64(key), numbers, candidates, self.max_steps, queue)
+        n, steps = len(numbers), self.max_steps if record else 0  # memory costs nothing until it is written
         observations = np.empty((steps, n, kernel.observation_size), np.float32)
         actions = np.empty((steps, n, kernel.action_size), np.float32)
         rewards = np.empty((steps, n), np.float32)
@@ -158,9 +122,9 @@ class CompiledRollouts:
         def block(_: int) -> None:
             lanes = (weights, weights[None]) if weights.ndim == 1 else (np.zeros((weights.shape[1], LANES)), weights)
             outcome = (observations, actions, rewards, returns, lengths, terminated)
-            play(*self._environment, *agent, *lanes, *jobs, *outcome)
+            lane_loop.play(*self._environment, *agent, *lanes, *jobs, *outcome)
 
-        if self.threads == 1 or len(episodes) <= 1:
+        if self.threads == 1 or n <= 1:
             block(0)
         else:
             if self._pool is None:

@@ -9,9 +9,9 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
 from dpsearch.kernels.lanes import EnvKernel
 from dpsearch.rollout.base import Rollouts
-from dpsearch.rollout.gym_engine import VectorRollouts
+from dpsearch.rollout.gym_engine import GymEngine
 from dpsearch.rollout.gym_envs import Env, EnvSource, VectorEnv, env_factory, reward_threshold, single_env, step_limit
-from dpsearch.rollout.lane_engine import CompiledRollouts
+from dpsearch.rollout.lane_engine import LaneEngine
 
 _TRANSPARENT = (
     TimeLimit,
@@ -34,7 +34,7 @@ def make_rollouts(
         env: An id ("CartPole-v1", "module:Name-v0", "dpsearch/TMaze-v0"), a spec, an environment, a vector
             environment, or a factory.
         threads: Threads of the lane engine; results do not depend on it.
-        num_envs: Environments that the vector engine plays side by side; 32 if None.
+        num_envs: Environments that the gym engine plays side by side; 32 if None.
         env_kwargs: Arguments of the environment, or of the factory.
         max_episode_steps: Step limit of an episode, in place of the registered one.
 
@@ -50,10 +50,10 @@ def make_rollouts(
         probe.close()
     if lanes is not None:
         lanes.make_env = single_env(env, env_kwargs, max_episode_steps)
-    return lanes or VectorRollouts(env, num_envs=num_envs, max_episode_steps=max_episode_steps, env_kwargs=env_kwargs)
+    return lanes or GymEngine(env, num_envs=num_envs, max_episode_steps=max_episode_steps, env_kwargs=env_kwargs)
 
 
-def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None) -> CompiledRollouts | None:
+def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None) -> LaneEngine | None:
     """The lane engine, if the environment has a kernel and no wrapper changes what the kernel does."""
     kernel = getattr(env.unwrapped, "kernel", None)
     if not isinstance(kernel, EnvKernel) or not _is_bare(env):
@@ -68,7 +68,7 @@ def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None)
     )
     # where the most that can be earned depends on the limit, the task itself knows what counts as solved under it
     own_threshold = getattr(getattr(env.unwrapped, "task", None), "threshold", None)
-    return CompiledRollouts(
+    return LaneEngine(
         kernel,
         max_steps=min(limits),
         threads=threads,

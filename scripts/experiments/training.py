@@ -15,10 +15,10 @@ from typing import Any
 import hydra
 import numpy as np
 from omegaconf import open_dict
+from typing_extensions import override
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
-from dpsearch.policies import RecurrentPolicy
 from dpsearch.rollout import Episodes, Rollouts
 from scripts.experiments.jobs import Outcome
 
@@ -144,11 +144,11 @@ def _learn(algorithm: Algorithm[Any], solved: Callable[[], bool], **until: Any) 
     }
 
 
-class GoalCounter:
-    """Rollouts that remember of the last training episodes whether they ended at the goal: with a reward above 0.
+class GoalCounter(Rollouts):
+    """Rollouts that count which of the last training episodes ended at the goal: with a reward above 0.
 
     Args:
-        rollouts: What plays them.
+        rollouts: The engine that plays them.
     """
 
     def __init__(self, rollouts: Rollouts) -> None:
@@ -160,18 +160,22 @@ class GoalCounter:
         self.max_steps = rollouts.max_steps
         self.reward_threshold = rollouts.reward_threshold
         self.make_env = rollouts.make_env
-        self.evaluate = rollouts.evaluate
-        self.close = rollouts.close
 
     @property
     def succeeds(self) -> bool:
         """Whether enough of the last hundred training episodes ended at the goal."""
         return len(self._goals) == EPISODES and sum(self._goals) >= GOALS
 
-    def collect(self, policy: RecurrentPolicy, n_episodes: int, *, record: bool = True, **options: Any) -> Episodes:
-        """Play whole episodes; those that are recorded are training."""
-        episodes = self._rollouts.collect(policy, n_episodes, record=record, **options)
+    @override
+    def play(self, *arguments: Any, record: bool) -> Episodes:
+        """Play the queued episodes; recorded ones are training."""
+        episodes = self._rollouts.play(*arguments, record=record)
         if record:
-            final = episodes.rewards[episodes.lengths - 1, np.arange(n_episodes)]
+            final = episodes.rewards[episodes.lengths - 1, np.arange(len(episodes))]
             self._goals.extend((episodes.terminated & (final > 0.0)).tolist())
         return episodes
+
+    @override
+    def close(self) -> None:
+        """Close the engine."""
+        self._rollouts.close()

@@ -11,22 +11,22 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from dpsearch.envs import TMaze
 from dpsearch.kernels.philox import episode_seeds
 from dpsearch.policies import PolicyConfig, RecurrentPolicy, UnsupportedSpaceError
-from dpsearch.rollout import Episodes, VectorRollouts, make_rollouts
+from dpsearch.rollout import Episodes, GymEngine, make_rollouts
 from tests.support.toy_envs import LONG, SHORT, Broken, Countdown
 
 KEY = 1234567
 CAP = 50
 
 
-def rollouts(env: Any = Countdown, num_envs: int | None = 5, **options: Any) -> VectorRollouts:
-    return VectorRollouts(env, num_envs=num_envs, max_episode_steps=CAP, **options)
+def rollouts(env: Any = Countdown, num_envs: int | None = 5, **options: Any) -> GymEngine:
+    return GymEngine(env, num_envs=num_envs, max_episode_steps=CAP, **options)
 
 
 def vector_env(mode: AutoresetMode, num_envs: int, make: Callable[[], Any] = Countdown) -> SyncVectorEnv:
     return SyncVectorEnv([make] * num_envs, autoreset_mode=mode)
 
 
-def policy(engine: VectorRollouts, seed: int = 0, deterministic: bool = False) -> RecurrentPolicy:
+def policy(engine: GymEngine, seed: int = 0, deterministic: bool = False) -> RecurrentPolicy:
     return RecurrentPolicy.for_spaces(
         engine.observation_space,
         engine.action_space,
@@ -41,7 +41,7 @@ def assert_same(a: Episodes, b: Episodes) -> None:
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
-def play(engine: VectorRollouts, n_episodes: int = 23, **options: Any) -> Episodes:
+def play(engine: GymEngine, n_episodes: int = 23, **options: Any) -> Episodes:
     try:
         return engine.collect(policy(engine), n_episodes, key=KEY, **options)
     finally:
@@ -118,13 +118,13 @@ def test_a_vector_environment_that_is_not_reset_is_refused_in_one_line() -> None
 
 def test_a_vector_class_that_takes_a_single_seed_plays_too() -> None:
     options: dict[str, Any] = {"num_envs": 3, "vectorization": "vector_entry_point"}
-    engine = VectorRollouts("CartPole-v1", max_episode_steps=15, **options)
+    engine = GymEngine("CartPole-v1", max_episode_steps=15, **options)
     assert (engine.max_steps, engine.reward_threshold) == (15, 475.0)
     episodes = play(engine)
     assert (episodes.rewards[episodes.mask] == 1.0).all()
     assert set(episodes.terminated) == {True, False}
     assert (episodes.lengths[~episodes.terminated] == 15).all()
-    assert_same(play(VectorRollouts("CartPole-v1", max_episode_steps=15, **options)), episodes)
+    assert_same(play(GymEngine("CartPole-v1", max_episode_steps=15, **options)), episodes)
 
 
 @pytest.mark.parametrize("way", ["loop", "next step", "same step"])
@@ -266,7 +266,7 @@ def test_a_deterministic_policy_stays_within_the_box() -> None:
 
 @pytest.mark.parametrize("vectorization", ["sync", "async"])
 def test_a_step_limit_cuts_episodes_off(vectorization: str) -> None:
-    engine = VectorRollouts(Countdown, num_envs=2, max_episode_steps=7, vectorization=vectorization)  # type: ignore[arg-type]
+    engine = GymEngine(Countdown, num_envs=2, max_episode_steps=7, vectorization=vectorization)  # type: ignore[arg-type]
     assert engine.max_steps == 7
     episodes = play(engine)
     np.testing.assert_array_equal(episodes.lengths, np.where(episodes.terminated, SHORT, 7))
@@ -274,14 +274,14 @@ def test_a_step_limit_cuts_episodes_off(vectorization: str) -> None:
 
 
 def test_a_vector_environment_that_cannot_be_cut_off_is_an_error_not_a_wrong_result() -> None:
-    engine = VectorRollouts(vector_env(AutoresetMode.NEXT_STEP, 2), max_episode_steps=7)
+    engine = GymEngine(vector_env(AutoresetMode.NEXT_STEP, 2), max_episode_steps=7)
     with pytest.raises(ValueError, match="goes on after 7 steps"):
         play(engine)
 
 
 def test_an_environment_without_a_step_limit_needs_one() -> None:
     with pytest.raises(ValueError, match="no step limit: give max_episode_steps"):
-        VectorRollouts(Countdown)
+        GymEngine(Countdown)
 
 
 @pytest.mark.parametrize("num_envs", [1, 4])
@@ -366,13 +366,13 @@ def test_an_unsupported_space_is_refused_before_anything_is_played(options: dict
 )
 def test_an_option_out_of_range_is_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        VectorRollouts(Countdown, **options)
+        GymEngine(Countdown, **options)
 
 
 def test_a_ready_environment_cannot_be_multiplied() -> None:
     for options in ({"num_envs": 2}, {"env_kwargs": {"observed": None}}, {"vectorization": "async"}):
         with pytest.raises(ValueError, match="give a factory"):
-            VectorRollouts(Countdown(), max_episode_steps=CAP, **options)
+            GymEngine(Countdown(), max_episode_steps=CAP, **options)
 
 
 def test_a_policy_that_does_not_fit_is_refused() -> None:

@@ -11,16 +11,16 @@ from gymnasium import spaces
 from dpsearch.envs import TMaze
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import Categorical, Deterministic, PolicyConfig, RecurrentPolicy
-from dpsearch.rollout import CompiledRollouts, Episodes
+from dpsearch.rollout import Episodes, LaneEngine
 
 ROOT = Path(__file__).parents[2]
 SEED = 5
 KEY = stream_key(SEED)
 
 
-def rollouts(corridor_length: int = 4, max_steps: int = 60, threads: int = 1) -> CompiledRollouts:
+def rollouts(corridor_length: int = 4, max_steps: int = 60, threads: int = 1) -> LaneEngine:
     env = TMaze(corridor_length)
-    return CompiledRollouts(
+    return LaneEngine(
         env.kernel,
         max_steps,
         threads,
@@ -175,7 +175,7 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
     space = spaces.Discrete(2)
     for max_steps, threads in ((0, 1), (1, 0)):
         with pytest.raises(ValueError, match="must be positive"):
-            CompiledRollouts(TMaze().kernel, max_steps, threads, observation_space=space, action_space=space)
+            LaneEngine(TMaze().kernel, max_steps, threads, observation_space=space, action_space=space)
 
 
 WARM = """

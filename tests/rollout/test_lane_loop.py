@@ -13,7 +13,7 @@ from dpsearch.envs.driving.track import Track
 from dpsearch.envs.poles.env import DoublePoleHidden
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.rollout import CompiledRollouts
+from dpsearch.rollout import LaneEngine
 
 KEY = stream_key(3)
 EPISODES = 37  # more than a block has lanes, of very unequal lengths
@@ -25,8 +25,8 @@ ENVS: dict[str, Callable[[], Any]] = {
 }
 
 
-def rollouts(env: gym.Env[Any, Any], threads: int) -> CompiledRollouts:
-    return CompiledRollouts(
+def rollouts(env: gym.Env[Any, Any], threads: int) -> LaneEngine:
+    return LaneEngine(
         env.kernel,  # type: ignore[attr-defined]
         200,
         threads,

@@ -8,7 +8,7 @@ from gymnasium.wrappers import ClipReward, TimeLimit
 
 from dpsearch.envs import TMaze
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.rollout import CompiledRollouts, Rollouts, VectorRollouts, make_rollouts
+from dpsearch.rollout import GymEngine, LaneEngine, Rollouts, make_rollouts
 from tests.support.toy_envs import Countdown
 
 TMAZE = "dpsearch/TMaze-v0"
@@ -37,7 +37,7 @@ def returns(rollouts: Rollouts) -> list[float]:
 )
 def test_an_environment_with_a_kernel_is_played_in_lanes_however_it_comes(env: Any) -> None:
     rollouts = make_rollouts(env)
-    assert isinstance(rollouts, CompiledRollouts)
+    assert isinstance(rollouts, LaneEngine)
     assert rollouts.max_steps == 1000
     assert rollouts.observation_space == TMaze().observation_space
     assert rollouts.action_space == TMaze().action_space
@@ -66,14 +66,14 @@ def test_the_smallest_step_limit_holds(env: Any) -> None:
 @pytest.mark.parametrize("env", [ClipReward(TMaze(), 0, 1), lambda: ClipReward(TMaze(), 0, 1)])
 def test_a_wrapper_that_changes_something_is_not_passed_over(env: Any) -> None:
     rollouts = make_rollouts(env)
-    assert isinstance(rollouts, VectorRollouts)
+    assert isinstance(rollouts, GymEngine)
     assert rollouts.max_steps == 1000
     assert set(returns(rollouts)) <= {0.0, 1.0}
 
 
 def test_an_environment_without_a_kernel_is_played_by_the_vector_engine() -> None:
     rollouts = make_rollouts("CartPole-v1", num_envs=3)
-    assert isinstance(rollouts, VectorRollouts)
+    assert isinstance(rollouts, GymEngine)
     assert rollouts.max_steps == 500
     assert returns(rollouts) == returns(make_rollouts(partial(gym.make, "CartPole-v1")))
     assert make_rollouts("CartPole-v1", max_episode_steps=7).max_steps == 7
@@ -119,7 +119,7 @@ def test_arguments_of_a_ready_environment_are_refused() -> None:
 
 def test_threads_are_those_of_the_lane_engine() -> None:
     rollouts = make_rollouts(TMAZE, threads=2)
-    assert isinstance(rollouts, CompiledRollouts)
+    assert isinstance(rollouts, LaneEngine)
     assert rollouts.threads == 2
     assert np.array_equal(returns(rollouts), returns(make_rollouts(TMAZE)))
 

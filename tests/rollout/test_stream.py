@@ -11,14 +11,14 @@ import torch
 
 from dpsearch.envs.driving.track import Track
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.rollout import Pieces, Rollouts, Stream, VectorRollouts, make_rollouts
+from dpsearch.rollout import GymEngine, Pieces, Rollouts, Stream, make_rollouts
 from tests.support.toy_envs import Broken, Countdown
 
 KEY = 5
 
 
-def rollouts(factory: Any = Countdown) -> VectorRollouts:
-    return VectorRollouts(factory, num_envs=1, max_episode_steps=50)
+def rollouts(factory: Any = Countdown) -> GymEngine:
+    return GymEngine(factory, num_envs=1, max_episode_steps=50)
 
 
 def policy_for(source: Rollouts) -> RecurrentPolicy:
@@ -146,7 +146,7 @@ def test_a_stream_that_cannot_be_played_again_says_so() -> None:
 def test_what_came_ready_made_is_refused(ready: Any) -> None:
     env = ready()
     with pytest.raises(ValueError, match="give an id or a factory"):
-        Stream(VectorRollouts(env, max_episode_steps=50), KEY)
+        Stream(GymEngine(env, max_episode_steps=50), KEY)
     env.close()
 
 

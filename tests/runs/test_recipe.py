@@ -1,7 +1,7 @@
 import pytest
 
 from dpsearch.policies.spaces import observation_size
-from dpsearch.rollout import CompiledRollouts, VectorRollouts
+from dpsearch.rollout import GymEngine, LaneEngine
 from dpsearch.runs import EnvRecipe, RunError
 
 TMAZE = "dpsearch.envs:dpsearch/TMaze-v0"
@@ -9,7 +9,7 @@ TMAZE = "dpsearch.envs:dpsearch/TMaze-v0"
 
 def test_an_environment_with_a_kernel_is_played_in_lanes() -> None:
     rollouts = EnvRecipe(TMAZE, {"corridor_length": 5}).rollouts(threads=2)
-    assert isinstance(rollouts, CompiledRollouts)
+    assert isinstance(rollouts, LaneEngine)
     assert (rollouts.threads, rollouts.max_steps, rollouts.reward_threshold) == (2, 1000, 3.8)
 
 
@@ -19,7 +19,7 @@ def test_the_step_limit_that_an_environment_takes_as_an_argument_is_its_limit() 
 
 def test_any_other_environment_is_played_by_the_vector_engine() -> None:
     rollouts = EnvRecipe("CartPole-v1", max_episode_steps=50, reward_threshold=40.0).rollouts(num_envs=3)
-    assert isinstance(rollouts, VectorRollouts)
+    assert isinstance(rollouts, GymEngine)
     assert (rollouts.max_steps, rollouts.reward_threshold) == (50, 40.0)
     rollouts.close()
 

@@ -5,7 +5,7 @@ import pytest
 
 from dpsearch.algos import RPG
 from dpsearch.policies import RecurrentPolicy
-from dpsearch.rollout import Episodes, make_rollouts
+from dpsearch.rollout import Episodes, Rollouts, make_rollouts
 from scripts.experiments.training import GoalCounter, compose, until_goals, until_solved
 
 TINY = ("algo=rpg", "env=tmaze", "env.corridor_length=1")
@@ -62,15 +62,15 @@ def test_the_same_seed_gives_the_same_outcome() -> None:
     assert first["solved"] == 1
 
 
-class Script:
+class Script(Rollouts):
     """Rollouts whose episodes end as a script says: with a final reward each."""
 
     def __init__(self, finals: list[float], terminated: bool = True) -> None:
-        real = make_rollouts("dpsearch.envs:dpsearch/TMaze-v0")
-        vars(self).update(vars(real), evaluate=real.evaluate, close=real.close, observation_size=real.observation_size)
+        vars(self).update(vars(make_rollouts("dpsearch.envs:dpsearch/TMaze-v0")))
         self._finals, self._terminated = iter(finals), terminated
 
-    def collect(self, policy: Any, n_episodes: int, **options: Any) -> Episodes:
+    def play(self, policy: Any, weights: Any, key: Any, numbers: Any, *others: Any, record: bool) -> Episodes:
+        n_episodes = len(numbers)
         lengths = np.arange(1, n_episodes + 1)
         rewards = np.full((n_episodes, n_episodes), 9.0, np.float32)
         finals = [next(self._finals) for _ in range(n_episodes)]
@@ -78,15 +78,19 @@ class Script:
         empty = np.zeros((n_episodes, n_episodes, 1), np.float32)
         return Episodes(empty, empty, rewards, lengths, np.full(n_episodes, self._terminated), np.array(finals))
 
+    def close(self) -> None:
+        pass
 
-def counter(finals: list[float], terminated: bool = True) -> GoalCounter:
-    return GoalCounter(Script(finals, terminated))  # type: ignore[arg-type]
+
+def counter(finals: list[float], terminated: bool = True) -> tuple[GoalCounter, RecurrentPolicy]:
+    rollouts = Script(finals, terminated)
+    return GoalCounter(rollouts), RecurrentPolicy.for_spaces(rollouts.observation_space, rollouts.action_space)
 
 
 @pytest.mark.parametrize(("goals", "succeeds"), [(95, True), (94, False)])
 def test_95_of_the_last_100_training_episodes_have_to_end_at_the_goal(goals: int, succeeds: bool) -> None:
     finals = [-0.1] * 50 + [4.0] * goals + [-0.1] * (100 - goals)
-    rollouts, policy = counter(finals), RecurrentPolicy.__new__(RecurrentPolicy)
+    rollouts, policy = counter(finals)
     for _ in range(15):
         assert not rollouts.succeeds
         rollouts.collect(policy, 10, key=0)
@@ -94,12 +98,12 @@ def test_95_of_the_last_100_training_episodes_have_to_end_at_the_goal(goals: int
 
 
 def test_evaluation_episodes_do_not_count() -> None:
-    rollouts, policy = counter([4.0] * 100), RecurrentPolicy.__new__(RecurrentPolicy)
+    rollouts, policy = counter([4.0] * 100)
     rollouts.collect(policy, 100, key=0, record=False)
     assert not rollouts.succeeds
 
 
 def test_episodes_that_the_step_cap_ended_did_not_reach_the_goal() -> None:
-    rollouts, policy = counter([4.0] * 100, terminated=False), RecurrentPolicy.__new__(RecurrentPolicy)
+    rollouts, policy = counter([4.0] * 100, terminated=False)
     rollouts.collect(policy, 100, key=0)
     assert not rollouts.succeeds

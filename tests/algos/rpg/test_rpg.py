@@ -19,7 +19,7 @@ from dpsearch.algos import RPG, RPGConfig
 from dpsearch.algos.baselines.base import Baseline, ConstantBaseline, Counted
 from dpsearch.envs.tmaze import TMaze
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.rollout import CompiledRollouts, Episodes
+from dpsearch.rollout import Episodes, LaneEngine
 from tests.support.algorithms import HORIZON, gradients, small_rpg
 
 
@@ -366,7 +366,7 @@ def test_it_begins_again_from_other_weights_when_a_start_gets_no_further() -> No
 
 def test_an_infinite_reward_stops_the_run_and_names_the_episode() -> None:
     rpg = small_rpg(batch_size=4)
-    assert isinstance(rpg.rollouts, CompiledRollouts)
+    assert isinstance(rpg.rollouts, LaneEngine)
     rpg.rollouts.kernel.floats[:] = np.where(rpg.rollouts.kernel.floats < 0, np.nan, rpg.rollouts.kernel.floats)
     with pytest.raises(FloatingPointError, match="episode"):
         rpg.update()

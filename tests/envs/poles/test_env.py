@@ -19,7 +19,7 @@ from dpsearch.envs.poles.env import (
     generalisation_starts,
 )
 from dpsearch.kernels.lanes import LANES
-from dpsearch.rollout import CompiledRollouts, make_rollouts
+from dpsearch.rollout import LaneEngine, make_rollouts
 from tests.support.plain_poles import (
     BOTH,
     ENVS,
@@ -97,7 +97,7 @@ def test_the_limit_is_100_000_steps_and_counts_as_solved(kind: type[PolesEnv]) -
     made = gym.make(name, max_episode_steps=500).unwrapped
     assert isinstance(made, kind)
     for rollouts in (make_rollouts(name), make_rollouts(kind), make_rollouts(gym.make_vec(name, num_envs=2))):
-        assert isinstance(rollouts, CompiledRollouts)
+        assert isinstance(rollouts, LaneEngine)
         assert rollouts.max_steps == rollouts.reward_threshold == 100_000
 
 

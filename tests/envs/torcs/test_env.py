@@ -18,7 +18,7 @@ from dpsearch.envs.driving.rules import OBSERVATIONS
 from dpsearch.envs.torcs import State, best_lap
 from dpsearch.policies.heads import Gaussian
 from dpsearch.policies.policy import RecurrentPolicy
-from dpsearch.rollout.gym_engine import VectorRollouts
+from dpsearch.rollout.gym_engine import GymEngine
 from tests.support.torcs_wanted import require_torcs
 
 require_torcs()
@@ -319,7 +319,7 @@ def test_in_the_vector_engine_an_episode_does_not_depend_on_how_many_there_are()
     policy = RecurrentPolicy(4, Gaussian(1))
     returns = []
     for lanes in (1, 3):
-        rollouts = VectorRollouts(ID, num_envs=lanes, env_kwargs={"start": "random"}, max_episode_steps=50)
+        rollouts = GymEngine(ID, num_envs=lanes, env_kwargs={"start": "random"}, max_episode_steps=50)
         returns.append(rollouts.collect(policy, 4, key=1).returns)
         rollouts.close()
     assert (returns[0] == returns[1]).all()
