@@ -192,12 +192,15 @@ class RolloutConfig:
     """How episodes are played.
 
     Attributes:
-        threads: Threads of the lane engine; results do not depend on it.
-        num_envs: Environments that the gym engine plays side by side; null for its default.
+        threads: Threads that play environments with a compiled kernel; results do not depend on it.
+        num_envs: Environments without a compiled kernel that are played side by side; null for 32.
+        on_error: An environment that raises, or shows what is not a finite number of the right shape, ends the run
+            ("raise"), or its episode is played again with another seed ("retry").
     """
 
     threads: int = 1
     num_envs: int | None = None
+    on_error: str = "raise"
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the key if a value is out of range."""
@@ -205,6 +208,8 @@ class RolloutConfig:
             number = getattr(self, name)
             if number is not None and number < 1:
                 raise ValueError(f"{name} must be at least 1, got {number}")
+        if self.on_error not in ("raise", "retry"):
+            raise ValueError(f"on_error must be raise or retry, got {self.on_error}")
 
 
 @dataclass
@@ -281,11 +286,12 @@ RESUMABLE = frozenset(
         "total_episodes",
         "total_updates",
         "rollout.threads",
+        "rollout.on_error",
         "checkpoint_seconds",
         "progress",
     }
 )
-"""The keys that may be given when a run is resumed: none of them changes what an update does."""
+"""The keys that may be given when a run is resumed: none of them changes what an update does that does not fail."""
 
 
 def register() -> None:

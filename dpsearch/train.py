@@ -28,7 +28,7 @@ from dpsearch.algos import ALGORITHMS, Algorithm
 from dpsearch.config import TrainConfig
 from dpsearch.files import CheckpointError
 from dpsearch.policies import UnsupportedSpaceError
-from dpsearch.rollout import Rollouts
+from dpsearch.rollout import EnvironmentFailedError, Rollouts
 from dpsearch.runs import Limits, Run, RunDirectory, RunError
 
 FULL_ERROR = "HYDRA_FULL_ERROR"
@@ -75,7 +75,7 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         config, choices = _saved(resumed, config, list(hydra_config.overrides.task))
     settings = schema.checked(config, choices)
     recipe = settings.env.recipe()
-    rollouts = recipe.rollouts(threads=settings.rollout.threads, num_envs=settings.rollout.num_envs)
+    rollouts = recipe.rollouts(**vars(settings.rollout))
     limits = _limits(settings, rollouts)
     algorithm = _algorithm(ALGORITHMS[choices["algo"]], settings, rollouts, resumed)
     directory = resumed or _new_directory(settings, choices)
@@ -96,6 +96,11 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
             outcome = run.learn() or run.finish(settings.evaluation_episodes)
     except (FloatingPointError, MemoryError) as error:
         raise RunError(f"{error}; the run so far is in {directory.path}") from error
+    except EnvironmentFailedError as error:
+        resume = _command(f"resume={directory.path}", "rollout.on_error=retry")
+        raise RunError(
+            f"{error}; the run so far is in {directory.path}, and goes on past episodes that fail with: {resume}"
+        ) from error
     except OSError as error:  # the disk is full, or a simulator was ended
         resume = _command(f"resume={directory.path}")
         raise RunError(f"{error}; the run so far is in {directory.path}, and goes on with: {resume}") from error
@@ -167,10 +172,10 @@ def _hyperparameters(config: DictConfig) -> dict[str, Any]:
     return {str(key): plain[key] for key in ("algo", "env", "policy", "seed")}
 
 
-def _command(argument: str) -> str:
-    """How this application is called with another argument."""
+def _command(*arguments: str) -> str:
+    """How this application is called with other arguments."""
     program = "python train.py" if Path(sys.argv[0]).name == "train.py" else "dpsearch-train"
-    return f"{program} {shlex.quote(argument)}"
+    return f"{program} {shlex.join(arguments)}"
 
 
 def _report(directory: RunDirectory, summary: dict[str, Any], drawable: bool) -> str:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -20,7 +19,8 @@ from numpy.typing import NDArray
 from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions
+from dpsearch.policies.observations import flattener
+from dpsearch.policies.spaces import to_env_actions
 from dpsearch.rollout import EnvSource, Episodes, Rollouts, make_rollouts
 
 TRAINING, EVALUATION, WEIGHTS, SOLVING, BASELINE = 1, 2, 3, 4, 6  # purposes of a seed's streams
@@ -137,6 +137,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         self.env_steps = 0
         self.solved = False
         self.recent_returns: deque[float] = deque(maxlen=RECENT_EPISODES)
+        self._flatten = flattener(self.rollouts.observation_space)
         self._predictions = np.random.default_rng(seed)
 
     @property
@@ -272,21 +273,22 @@ class Algorithm(ABC, Generic[ConfigT]):
         """The policy's action for one environment, or for several at once.
 
         Args:
-            observation: An element of the environment's observation space, or a batch of B of them.
+            observation: An element of the environment's observation space, or a batch of B of them; ``array([2])`` of a
+                Discrete space is a batch of one.
             state: What the last call returned; None at the start.
             episode_start: ``(B,)``, True where a new episode begins: that memory is wiped first.
             deterministic: The greedy action instead of a sampled one.
 
         Returns:
             The action, or ``(B, ..)`` actions, in the environment's own units; and the memory to pass next time.
+
+        Raises:
+            ValueError: If the observation does not have the shape that the space says, or is not finite.
         """
-        space = self.rollouts.observation_space
-        single = (
-            np.ndim(observation) == len(space.shape or ())
-            if isinstance(space, gym.spaces.Box)  # whose observations may be of another precision, or beyond its bounds
-            else space.contains(observation)
-        )
-        flat = flatten_observations(space, batch_one(space, observation) if single else observation)
+        single = self._flatten.is_one(observation)
+        flat = self._flatten.one(observation)[None] if single else self._flatten.batch(observation)
+        if not np.isfinite(flat).all():
+            raise ValueError("observation must be finite, got NaN or infinity")
         memory = np.zeros((len(flat), self.policy.state_size), np.float32) if state is None else state.copy()
         if episode_start is not None:
             memory[np.broadcast_to(episode_start, len(flat))] = 0.0

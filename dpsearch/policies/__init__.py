@@ -1,9 +1,9 @@
 """Policies: recurrent cores, action heads, their compiled twins, and a runner that keeps their memory."""
 
 from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
+from dpsearch.policies.observations import UnsupportedSpaceError
 from dpsearch.policies.policy import PolicyConfig, RecurrentPolicy
 from dpsearch.policies.runner import PolicyRunner
-from dpsearch.policies.spaces import UnsupportedSpaceError
 
 __all__ = [
     "Categorical",

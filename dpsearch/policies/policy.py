@@ -19,7 +19,8 @@ from torch import Tensor, nn
 from dpsearch.policies.buckets import run_in_buckets
 from dpsearch.policies.compiled import CompiledPolicy, compiled_policy
 from dpsearch.policies.heads import Gaussian, Head
-from dpsearch.policies.spaces import head_for, observation_size
+from dpsearch.policies.observations import observation_size
+from dpsearch.policies.spaces import head_for
 
 Core = Literal["lstm", "rnn", "none"]
 

@@ -1,8 +1,8 @@
 """Where episodes come from: two verbs, ``collect`` and ``evaluate``, and the engines that offer them."""
 
-from dpsearch.rollout.base import Rollouts
+from dpsearch.rollout.base import EnvironmentFailedError, Rollouts
 from dpsearch.rollout.episodes import Episodes
-from dpsearch.rollout.gym_engine import GymEngine
+from dpsearch.rollout.gym_engine import GymEngine, OnError
 from dpsearch.rollout.gym_envs import EnvSource
 from dpsearch.rollout.lane_engine import LaneEngine
 from dpsearch.rollout.make import make_rollouts
@@ -10,9 +10,11 @@ from dpsearch.rollout.stream import Pieces, Stream
 
 __all__ = [
     "EnvSource",
+    "EnvironmentFailedError",
     "Episodes",
     "GymEngine",
     "LaneEngine",
+    "OnError",
     "Pieces",
     "Rollouts",
     "Stream",

@@ -17,6 +17,10 @@ from dpsearch.policies.policy import RecurrentPolicy
 from dpsearch.rollout.episodes import Episodes
 
 
+class EnvironmentFailedError(RuntimeError):
+    """An environment raised, or showed what is not a finite number of the right shape."""
+
+
 class Rollouts(ABC):
     """Plays episodes of one environment.
 
@@ -58,7 +62,7 @@ class Rollouts(ABC):
 
         Raises:
             ValueError: If the policy does not fit the environment, or ``n_episodes`` is below 1.
-            FloatingPointError: If the environment shows a number that is NaN or infinite.
+            EnvironmentFailedError: If the environment raises, or shows what is not a finite number of the right shape.
         """
         if n_episodes < 1:
             raise ValueError(f"n_episodes must be at least 1, got {n_episodes}")
@@ -90,7 +94,7 @@ class Rollouts(ABC):
 
         Raises:
             ValueError: If the policy does not fit the environment, or the arrays do not fit the policy.
-            FloatingPointError: If the environment shows a number that is NaN or infinite.
+            EnvironmentFailedError: If the environment raises, or shows what is not a finite number of the right shape.
         """
         weights, numbers = check_population(policy, population, episodes)
         candidates = np.repeat(np.arange(len(weights)), numbers.shape[1])

@@ -1,284 +1,25 @@
-"""Gymnasium environments side by side, one a lane, behind one small interface whatever their kind.
-
-Scalar environments are stepped one by one, and only while their lane has an episode to play. Every episode
-starts with a seed of its own, so what happens in it does not depend on the lane or on how many there are.
-Vector environments start most episodes by themselves ("autoreset"), each in its own way; what is left of that
-here is one rule: a row that was not ``played`` belongs to no episode.
-"""
+"""Gymnasium environments from whatever names them, and the limits they declare."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from typing import Any, Literal
+from numbers import Integral
+from typing import Any
 
 import gymnasium as gym
-import numpy as np
-from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
-
-from dpsearch.policies.spaces import (
-    UnsupportedSpaceError,
-    flatten_observations,
-    head_for,
-    observation_size,
-    to_env_actions,
-)
 
 Env = gym.Env[Any, Any]
 VectorEnv = gym.vector.VectorEnv[Any, Any, Any]
 Factory = Callable[[], Env]
 EnvSource = str | EnvSpec | Env | VectorEnv | Callable[..., Env]
 """Everything that names an environment: an id, a spec, an environment, a vector environment, or a factory."""
-Vectorization = Literal["sync", "async", "vector_entry_point"]
 
-
-@dataclass(frozen=True)
-class LaneStep:
-    """What one step brought, lane by lane, ``(L,)`` each.
-
-    Attributes:
-        rewards: float64.
-        terminated: True if the task ended the episode.
-        truncated: True if a step limit of the environment did.
-        played: False where the row was not a step: the environment was busy starting its next episode.
-    """
-
-    rewards: NDArray[np.float64]
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
-    played: NDArray[np.bool_]
-
-
-class GymLanes(ABC):
-    """Environments that are stepped together.
-
-    Args:
-        observation_space: Of one environment.
-        action_space: Of one environment.
-
-    Attributes:
-        capacity: The most lanes there can be.
-        observations: ``(L, O)`` float32, what each lane sees now.
-        step_limit: Steps after which the environments cut an episode off, None if they do not say.
-        reward_threshold: Mean return that counts as solved, None if they do not say.
-        restarts: Whether ``restart`` can begin an episode anywhere and at any time.
-
-    Raises:
-        UnsupportedSpaceError: If a space is of a kind that no policy can handle.
-    """
-
-    capacity: int
-    observations: NDArray[np.float32]
-    step_limit: int | None
-    reward_threshold: float | None
-    restarts: bool
-
-    def __init__(self, observation_space: gym.Space[Any], action_space: gym.Space[Any]) -> None:
-        self.observation_space = observation_space
-        self.action_space = action_space
-        self.observation_size = observation_size(observation_space)
-        self.action_size = head_for(action_space).action_size
-
-    @abstractmethod
-    def width(self, n_episodes: int) -> int:
-        """The number L of lanes to play some episodes with."""
-
-    @abstractmethod
-    def start(self, seeds: NDArray[np.int64]) -> None:
-        """Begin an episode in each of L lanes, with the seeds ``(L,)`` if the environments take so many."""
-
-    @abstractmethod
-    def step(self, actions: NDArray[np.float64], busy: NDArray[np.bool_]) -> LaneStep:
-        """Play one step in the lanes that are ``busy (L,)``, and perhaps in the others.
-
-        Args:
-            actions: ``(L, A)``, the policy's own numbers.
-            busy: Where a step is wanted.
-        """
-
-    @abstractmethod
-    def restart(self, lanes: NDArray[np.bool_], seeds: NDArray[np.int64]) -> None:
-        """Begin an episode in some lanes ``(L,)``, unless the environments do it by themselves."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Close the environments that were made here; those that came ready are their owner's."""
-
-
-class ScalarLanes(GymLanes):
-    """Single environments, stepped in a loop.
-
-    Args:
-        make: Makes one environment.
-        capacity: The most there can be; they are made when first needed.
-    """
-
-    restarts = True
-
-    def __init__(self, make: Factory, capacity: int) -> None:
-        self.capacity = capacity
-        self._make = make
-        env = make()
-        self._envs = [env]
-        try:
-            super().__init__(env.observation_space, env.action_space)
-        except UnsupportedSpaceError:
-            self.close()
-            raise
-        self.step_limit = step_limit(env)
-        self.reward_threshold = reward_threshold(env)
-
-    def width(self, n_episodes: int) -> int:
-        """As many lanes as episodes, up to the capacity."""
-        return min(n_episodes, self.capacity)
-
-    def start(self, seeds: NDArray[np.int64]) -> None:
-        """Begin an episode in each of L lanes."""
-        while len(self._envs) < len(seeds):
-            self._envs.append(self._make())
-        self.observations = np.zeros((len(seeds), self.observation_size), np.float32)
-        self.restart(np.ones(len(seeds), np.bool_), seeds)
-
-    def restart(self, lanes: NDArray[np.bool_], seeds: NDArray[np.int64]) -> None:
-        """Begin an episode in some lanes."""
-        for lane in np.flatnonzero(lanes):
-            observation, _ = self._envs[lane].reset(seed=int(seeds[lane]))
-            self._see(lane, observation)
-
-    def step(self, actions: NDArray[np.float64], busy: NDArray[np.bool_]) -> LaneStep:
-        """Play one step in the busy lanes, and only there."""
-        env_actions = to_env_actions(self.action_space, actions)
-        rewards = np.zeros(len(busy))
-        terminated, truncated = np.zeros((2, len(busy)), np.bool_)
-        for lane in np.flatnonzero(busy):
-            observation, rewards[lane], terminated[lane], truncated[lane], _ = self._envs[lane].step(env_actions[lane])
-            self._see(lane, observation)
-        return LaneStep(rewards, terminated, truncated, busy)
-
-    def _see(self, lane: np.intp, observation: Any) -> None:
-        self.observations[lane] = np.asarray(spaces.flatten(self.observation_space, observation), np.float32)
-
-    def close(self) -> None:
-        """Close the environments; more are made when they are needed again."""
-        while self._envs:
-            self._envs.pop().close()
-
-
-class ReadyLane(ScalarLanes):
-    """One environment that came ready made: it is played as it is, in the only lane."""
-
-    def __init__(self, env: Env) -> None:
-        super().__init__(lambda: env, 1)
-
-    def close(self) -> None:
-        """Leave the environment to its owner."""
-
-
-class VectorLanes(GymLanes):
-    """A vector environment.
-
-    Args:
-        env: With autoreset mode NEXT_STEP or SAME_STEP.
-        restarts: Whether its ``reset`` takes a seed for each lane and ``options={"reset_mask": ...}``.
-        owned: Whether ``close`` closes it.
-
-    Raises:
-        ValueError: If the autoreset mode is another.
-    """
-
-    def __init__(self, env: VectorEnv, *, restarts: bool = False, owned: bool = False) -> None:
-        self.capacity = env.num_envs
-        self.restarts = restarts
-        self._env = env
-        self._owned = owned
-        mode = env.metadata.get("autoreset_mode")
-        try:
-            if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):
-                raise ValueError(f"autoreset mode {mode} is not supported: NEXT_STEP and SAME_STEP are")
-            super().__init__(env.single_observation_space, env.single_action_space)
-        except (ValueError, UnsupportedSpaceError):
-            self.close()
-            raise
-        self._next_step = mode == AutoresetMode.NEXT_STEP
-        self._over = np.zeros(env.num_envs, np.bool_)  # the lanes that the next step will not play
-        self.step_limit = step_limit(env)
-        self.reward_threshold = reward_threshold(env)
-
-    def width(self, n_episodes: int) -> int:
-        """All lanes: they cannot be stepped without one another."""
-        return self.capacity
-
-    def start(self, seeds: NDArray[np.int64]) -> None:
-        """Begin an episode in every lane; a vector environment that takes one seed only gets the first."""
-        try:
-            observations, _ = self._env.reset(seed=[int(seed) for seed in seeds])  # type: ignore[arg-type]
-        except (TypeError, ValueError, gym.error.Error):
-            observations, _ = self._env.reset(seed=int(seeds[0]))
-        self._see(observations)
-        self._over[:] = False
-
-    def restart(self, lanes: NDArray[np.bool_], seeds: NDArray[np.int64]) -> None:
-        """Begin an episode with a seed of its own, unless the vector environment does so by itself."""
-        if self.restarts and lanes.any():
-            observations, _ = self._env.reset(
-                seed=[int(seed) for seed in seeds],  # type: ignore[arg-type]
-                options={"reset_mask": lanes.copy()},
-            )
-            self._see(observations)
-            self._over &= ~lanes
-
-    def step(self, actions: NDArray[np.float64], busy: NDArray[np.bool_]) -> LaneStep:
-        """Step every lane."""
-        env_actions = to_env_actions(self.action_space, actions)
-        observations, rewards, terminated, truncated, _ = self._env.step(env_actions)
-        played = ~self._over
-        ended = np.asarray(terminated, np.bool_), np.asarray(truncated, np.bool_)
-        if self._next_step:
-            self._over = ended[0] | ended[1]
-        self._see(observations)
-        return LaneStep(np.asarray(rewards, np.float64), *ended, played)
-
-    def _see(self, observations: Any) -> None:
-        self.observations = flatten_observations(self.observation_space, observations)
-
-    def close(self) -> None:
-        """Close the vector environment if it was made here."""
-        if self._owned:
-            self._env.close()
-
-
-def open_lanes(
-    source: EnvSource,
-    num_envs: int | None = None,
-    max_steps: int | None = None,
-    vectorization: Vectorization = "sync",
-    env_kwargs: dict[str, Any] | None = None,
-) -> GymLanes:
-    """Lanes for an environment given in any form; ``GymEngine`` says what the arguments mean.
-
-    Raises:
-        UnsupportedSpaceError: If a space is of a kind that no policy can handle.
-        ValueError: If the environment is unknown, or an argument does not apply to it.
-    """
-    if vectorization not in ("sync", "async", "vector_entry_point"):
-        raise ValueError(f"vectorization must be 'sync', 'async' or 'vector_entry_point', got {vectorization!r}")
-    if isinstance(source, gym.Env | gym.vector.VectorEnv):
-        if num_envs is not None or env_kwargs or vectorization != "sync":
-            raise ValueError("a ready environment takes neither num_envs, env_kwargs nor vectorization: give a factory")
-        return ReadyLane(source) if isinstance(source, gym.Env) else VectorLanes(source)
-    count = 32 if num_envs is None else num_envs
-    if vectorization == "vector_entry_point":
-        return _own_vector_class(source, count, _make_arguments(env_kwargs, max_steps))
-    make = env_factory(source, env_kwargs, max_steps)
-    if vectorization == "sync":
-        return ScalarLanes(make, count)
-    return VectorLanes(gym.vector.AsyncVectorEnv([make] * count), restarts=True, owned=True)
+DEFAULT_LIMIT = 1000
+"""Steps after which an episode is cut off where neither the user nor the environment says."""
 
 
 def env_factory(
@@ -286,7 +27,7 @@ def env_factory(
     env_kwargs: dict[str, Any] | None = None,
     max_steps: int | None = None,
 ) -> Factory:
-    """What makes one environment of a kind.
+    """A function that makes one environment of a kind.
 
     Args:
         source: An id ("CartPole-v1", "module:Name-v0", "dpsearch/TMaze-v0"), a spec, or a factory.
@@ -295,29 +36,23 @@ def env_factory(
     """
     if not isinstance(source, str | EnvSpec):
         return partial(source, **(env_kwargs or {}))
-    return partial(_make, gym.make, source, **_make_arguments(env_kwargs, max_steps))
+    return partial(make_env, gym.make, source, **make_arguments(env_kwargs, max_steps))
 
 
 def single_env(source: EnvSource, env_kwargs: dict[str, Any] | None, max_steps: int | None) -> Factory | None:
-    """What makes one more environment of a kind; None if what there is came ready."""
+    """A function that makes one more environment of a kind; None for an environment that came ready made."""
     if isinstance(source, gym.Env | gym.vector.VectorEnv):
         return None
     return env_factory(source, env_kwargs, max_steps)
 
 
-def _own_vector_class(source: EnvSource, count: int, arguments: dict[str, Any]) -> GymLanes:
-    if not isinstance(source, str | EnvSpec):
-        raise ValueError("vectorization='vector_entry_point' needs an id or a spec")
-    env = _make(gym.make_vec, source, num_envs=count, vectorization_mode="vector_entry_point", **arguments)
-    return VectorLanes(env, owned=True)
-
-
-def _make_arguments(env_kwargs: dict[str, Any] | None, max_steps: int | None) -> dict[str, Any]:
+def make_arguments(env_kwargs: dict[str, Any] | None, max_steps: int | None) -> dict[str, Any]:
+    """Keyword arguments for ``gym.make`` or ``gym.make_vec``: the environment's own, and a step limit if given."""
     limit = {} if max_steps is None else {"max_episode_steps": max_steps}
     return {**(env_kwargs or {}), **limit}
 
 
-def _make(make: Callable[..., Any], source: str | EnvSpec, **arguments: Any) -> Any:
+def make_env(make: Callable[..., Any], source: str | EnvSpec, **arguments: Any) -> Any:
     """Call ``gym.make`` or ``gym.make_vec``, with one error for all that can be wrong with an id."""
     name = source if isinstance(source, str) else source.id
     if name.startswith("dpsearch/"):
@@ -329,18 +64,40 @@ def _make(make: Callable[..., Any], source: str | EnvSpec, **arguments: Any) -> 
 
 
 def step_limit(env: Env | VectorEnv) -> int | None:
-    """Steps after which an episode is cut off: the smallest limit an environment names, None without any."""
-    spec = _spec(env)
-    limits = [
-        getattr(env.unwrapped, "max_episode_steps", None),
-        None if spec is None else spec.max_episode_steps,
-    ]
+    """Steps after which an environment cuts an episode off: the smallest limit that holds, None without any.
+
+    An attribute ``max_episode_steps`` that is no positive whole number names no limit: some environments say 0 or -1
+    for none.
+    """
+    if isinstance(env, gym.vector.SyncVectorEnv):
+        return step_limit(env.envs[0])
+    if isinstance(env, gym.vector.AsyncVectorEnv):
+        spec = env.get_attr("spec")[0]
+        return _valid(None if spec is None else spec.max_episode_steps)
+    limits = [_valid(getattr(env.unwrapped, "max_episode_steps", None))]
     layer: Any = env
-    while isinstance(layer, gym.Wrapper):
+    while layer is not env.unwrapped:
         if isinstance(layer, gym.wrappers.TimeLimit):
-            limits.append(layer._max_episode_steps)
+            limits.append(_valid(layer._max_episode_steps))
         layer = layer.env
+    if isinstance(env, gym.vector.VectorEnv):  # a class of its own cuts off by itself, as its spec says
+        limits.append(_valid(None if env.spec is None else env.spec.max_episode_steps))
     return min((limit for limit in limits if limit is not None), default=None)
+
+
+def limit_or_default(*limits: int | None) -> int:
+    """The smallest of several step limits; with a warning ``DEFAULT_LIMIT`` if there is none."""
+    known = [limit for limit in limits if limit is not None]
+    if not known:
+        warnings.warn(
+            f"max_episode_steps is taken to be {DEFAULT_LIMIT}: the environment names no step limit", stacklevel=4
+        )
+    return min(known, default=DEFAULT_LIMIT)
+
+
+def _valid(limit: Any) -> int | None:
+    counts = isinstance(limit, Integral) and not isinstance(limit, bool)
+    return int(limit) if counts and limit >= 1 else None
 
 
 def reward_threshold(env: Env | VectorEnv) -> float | None:

@@ -9,8 +9,17 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
 from dpsearch.kernels.lanes import EnvKernel
 from dpsearch.rollout.base import Rollouts
-from dpsearch.rollout.gym_engine import GymEngine
-from dpsearch.rollout.gym_envs import Env, EnvSource, VectorEnv, env_factory, reward_threshold, single_env, step_limit
+from dpsearch.rollout.gym_engine import GymEngine, OnError
+from dpsearch.rollout.gym_envs import (
+    Env,
+    EnvSource,
+    VectorEnv,
+    env_factory,
+    limit_or_default,
+    reward_threshold,
+    single_env,
+    step_limit,
+)
 from dpsearch.rollout.lane_engine import LaneEngine
 
 _TRANSPARENT = (
@@ -27,20 +36,23 @@ def make_rollouts(
     num_envs: int | None = None,
     env_kwargs: dict[str, Any] | None = None,
     max_episode_steps: int | None = None,
+    on_error: OnError = "raise",
 ) -> Rollouts:
     """Rollouts of an environment, by the fastest engine that can play it.
 
     Args:
         env: An id ("CartPole-v1", "module:Name-v0", "dpsearch/TMaze-v0"), a spec, an environment, a vector
             environment, or a factory.
-        threads: Threads of the lane engine; results do not depend on it.
-        num_envs: Environments that the gym engine plays side by side; 32 if None.
+        threads: Threads of the lane engine, 1 for the gym engine; results do not depend on it.
+        num_envs: Environments that the gym engine plays side by side, 32 if None; None for the lane engine.
         env_kwargs: Arguments of the environment, or of the factory.
-        max_episode_steps: Step limit of an episode, in place of the registered one.
+        max_episode_steps: Step limit of an episode, in place of the registered one; if the environment has none either,
+            1,000 with a warning.
+        on_error: What the gym engine does when an environment fails, ``"raise"`` or ``"retry"``; see ``GymEngine``.
 
     Raises:
         UnsupportedSpaceError: If a space is of a kind that no policy can handle.
-        ValueError: If the environment is unknown, has no step limit, or an argument is out of range.
+        ValueError: If the environment is unknown, or an argument is out of range or of no use to the engine.
     """
     if isinstance(env, gym.Env | gym.vector.VectorEnv):
         lanes = None if env_kwargs else _compiled(env, threads, max_episode_steps)
@@ -48,9 +60,18 @@ def make_rollouts(
         probe = env_factory(env, env_kwargs, max_episode_steps)()
         lanes = _compiled(probe, threads, max_episode_steps)
         probe.close()
-    if lanes is not None:
-        lanes.make_env = single_env(env, env_kwargs, max_episode_steps)
-    return lanes or GymEngine(env, num_envs=num_envs, max_episode_steps=max_episode_steps, env_kwargs=env_kwargs)
+    if lanes is None:
+        if threads != 1:
+            raise ValueError(
+                f"threads must be 1, got {threads}: the environment has no compiled kernel, so it is stepped in one "
+                "thread, num_envs of its kind side by side"
+            )
+        limits: dict[str, Any] = {"max_episode_steps": max_episode_steps, "env_kwargs": env_kwargs}
+        return GymEngine(env, num_envs=num_envs, on_error=on_error, **limits)
+    if num_envs is not None:
+        raise ValueError(f"num_envs must be null, got {num_envs}: the environment's compiled kernel is played in lanes")
+    lanes.make_env = single_env(env, env_kwargs, max_episode_steps)
+    return lanes
 
 
 def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None) -> LaneEngine | None:
@@ -58,9 +79,7 @@ def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None)
     kernel = getattr(env.unwrapped, "kernel", None)
     if not isinstance(kernel, EnvKernel) or not _is_bare(env):
         return None
-    limits = [limit for limit in (max_episode_steps, step_limit(env)) if limit is not None]
-    if not limits:
-        raise ValueError("the environment has no step limit: give max_episode_steps")
+    limit = limit_or_default(max_episode_steps, step_limit(env))
     spaces: tuple[gym.Space[Any], gym.Space[Any]] = (
         (env.single_observation_space, env.single_action_space)
         if isinstance(env, gym.vector.VectorEnv)
@@ -70,11 +89,11 @@ def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None)
     own_threshold = getattr(getattr(env.unwrapped, "task", None), "threshold", None)
     return LaneEngine(
         kernel,
-        max_steps=min(limits),
+        max_steps=limit,
         threads=threads,
         observation_space=spaces[0],
         action_space=spaces[1],
-        reward_threshold=own_threshold(min(limits)) if own_threshold else reward_threshold(env),
+        reward_threshold=own_threshold(limit) if own_threshold else reward_threshold(env),
     )
 
 

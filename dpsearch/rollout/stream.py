@@ -15,22 +15,24 @@ if anything: a car is put back where it left the road.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from numpy.typing import NDArray
 from typing_extensions import override
 
 from dpsearch.kernels.philox import episode_seeds
+from dpsearch.policies.observations import flattener
 from dpsearch.policies.policy import RecurrentPolicy
 from dpsearch.policies.spaces import to_env_actions
 from dpsearch.rollout.actor import LaneActor
-from dpsearch.rollout.base import Rollouts, check_fit
+from dpsearch.rollout.base import EnvironmentFailedError, Rollouts, check_fit
 from dpsearch.rollout.episodes import Episodes
+from dpsearch.rollout.gym_lanes import as_reward
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,12 @@ class Stream:
         key: 64-bit key of the randomness.
 
     Raises:
-        ValueError: If it does not.
+        ValueError: If the environment came ready made, or failed episodes are to be played again.
     """
 
     def __init__(self, rollouts: Rollouts, key: int) -> None:
+        if getattr(rollouts, "on_error", "raise") != "raise":
+            raise ValueError("on_error must be 'raise' for a stream, which cannot play an episode again")
         if rollouts.make_env is None:
             raise ValueError(
                 "update_steps needs an environment of its own: give an id or a factory, not one that is made already"
@@ -93,7 +97,7 @@ class Stream:
         self._rollouts = rollouts
         self._key = key
         self._env = rollouts.make_env()
-        self._space = rollouts.observation_space
+        self._flatten = flattener(rollouts.observation_space)
         self._episode = -1  # none yet
         self._options: dict[str, Any] | None = None  # of its reset
         self._actions: list[NDArray[np.float64]] = []  # since then
@@ -110,7 +114,8 @@ class Stream:
 
         Raises:
             ValueError: If the policy does not fit the environment.
-            FloatingPointError: If the environment shows or pays something that is NaN or infinite.
+            EnvironmentFailedError: If the environment raises, or shows or pays what is not a finite number of the right
+                shape.
         """
         action_space, size = self._rollouts.action_space, policy.head.action_size
         check_fit(policy, self._rollouts.observation_size, size)
@@ -130,11 +135,12 @@ class Stream:
             observations[t] = self._observation
             action = actor.act(self._observation[None])
             self._actions.append(action[0].copy())
-            observation, reward, over, truncated, info = self._env.step(to_env_actions(action_space, action)[0])
-            self._see(observation)
-            if not math.isfinite(reward):
-                where = f"step {len(self._actions)} of episode {self._episode}"
-                raise FloatingPointError(f"the environment paid a reward that is NaN or infinite at {where}")
+            with self._failing():
+                observation, paid, over, truncated, info = self._env.step(to_env_actions(action_space, action)[0])
+                reward = as_reward(paid)
+                self._see(observation)
+                if not math.isfinite(reward):
+                    raise FloatingPointError("the reward is not finite")
             actions[t], rewards[t] = action[0], reward
             self._return += float(reward)
             if over or truncated:
@@ -162,14 +168,24 @@ class Stream:
 
     def _reset(self) -> None:
         (seed,) = episode_seeds(self._key, np.array([self._episode], np.uint64))
-        observation, _ = self._env.reset(seed=int(seed), options=self._options)
-        self._see(observation)
+        with self._failing():
+            observation, _ = self._env.reset(seed=int(seed), options=self._options)
+            self._see(observation)
 
     def _see(self, observation: Any) -> None:
-        self._observation = np.asarray(spaces.flatten(self._space, observation), np.float32)
+        self._observation = self._flatten.one(observation).copy()
         if not np.isfinite(self._observation).all():
+            raise FloatingPointError("the observation is not finite")
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """Say where an environment failed, whatever it raised."""
+        try:
+            yield
+        except Exception as error:
             where = f"step {len(self._actions)} of episode {self._episode}"
-            raise FloatingPointError(f"the observation at {where} is not finite")
+            what = str(error) if isinstance(error, FloatingPointError) else f"{type(error).__name__}: {error}"
+            raise EnvironmentFailedError(f"the environment failed at {where}: {what}") from error
 
     def _take_up(self, actor: LaneActor) -> None:
         """Put an actor where the stream is."""

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from dpsearch.policies import PolicyRunner
-from dpsearch.policies.spaces import batch_one, flatten_observations, to_env_actions
+from dpsearch.policies.observations import flattener
+from dpsearch.policies.spaces import to_env_actions
 from dpsearch.runs.errors import RunError
 
 Frame = NDArray[np.uint8]
@@ -43,13 +44,13 @@ def play_episode(
         film: Takes a frame of the start and of every step, and more of the end.
         max_steps: Leave it unfinished after so many steps.
     """
+    flatten = flattener(env.observation_space)
     observation, _ = env.reset(seed=seed)
     runner.reset()
     _shoot(env, film)
     total, steps, over = 0.0, 0, False
     while not over:
-        flat = flatten_observations(env.observation_space, batch_one(env.observation_space, observation))
-        action = to_env_actions(env.action_space, runner.act(flat))[0]
+        action = to_env_actions(env.action_space, runner.act(flatten.one(observation)[None]))[0]
         observation, reward, terminated, truncated, _ = env.step(action)
         total += float(reward)
         steps += 1

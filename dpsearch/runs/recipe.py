@@ -12,7 +12,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from dpsearch.env_kit import ObserveOnly
 from dpsearch.policies import UnsupportedSpaceError
-from dpsearch.rollout import Rollouts, make_rollouts
+from dpsearch.rollout import OnError, Rollouts, make_rollouts
 from dpsearch.runs.errors import RunError
 
 
@@ -65,14 +65,14 @@ class EnvRecipe:
         metadata = getattr(creator, "metadata", None)
         return metadata is None or "rgb_array" in metadata.get("render_modes", ())
 
-    def rollouts(self, *, threads: int = 1, num_envs: int | None = None) -> Rollouts:
-        """What plays its episodes.
+    def rollouts(self, *, threads: int = 1, num_envs: int | None = None, on_error: OnError = "raise") -> Rollouts:
+        """The engine that plays its episodes; see ``make_rollouts`` for the arguments.
 
         Raises:
             RunError: If it cannot be made, or its spaces are of a kind that no policy can handle.
         """
         try:
-            rollouts = make_rollouts(self.make, threads=threads, num_envs=num_envs)
+            rollouts = make_rollouts(self.make, threads=threads, num_envs=num_envs, on_error=on_error)
         except (UnsupportedSpaceError, ValueError) as error:
             raise RunError(f"cannot play environment {self.id!r}: {error}") from error
         if self.reward_threshold is not None:

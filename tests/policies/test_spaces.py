@@ -4,58 +4,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from gymnasium.vector.utils import concatenate, create_empty_array
 
-from dpsearch.policies.spaces import (
-    UnsupportedSpaceError,
-    batch_one,
-    flatten_observations,
-    head_for,
-    observation_size,
-    to_env_actions,
-)
-
-OBSERVATION_SPACES: list[gym.Space[Any]] = [
-    spaces.Box(-1, 1, (2, 3)),
-    spaces.Box(0, 255, (2, 2), np.uint8),
-    spaces.Discrete(5),
-    spaces.Discrete(3, start=-1),
-    spaces.MultiDiscrete([2, 3]),
-    spaces.MultiDiscrete(np.array([[2, 3], [4, 2]])),
-    spaces.MultiBinary(4),
-    spaces.Tuple([spaces.Discrete(2), spaces.Box(-1, 1, (2,))]),
-    spaces.Dict(
-        sight=spaces.Box(-1, 1, (2,)),
-        touch=spaces.Dict(left=spaces.Discrete(2), right=spaces.MultiBinary(2)),
-    ),
-]
-
-
-@pytest.mark.parametrize("space", OBSERVATION_SPACES, ids=str)
-def test_observations_are_flattened_as_gymnasium_does(space: gym.Space[Any]) -> None:
-    space.seed(0)
-    singles = [space.sample() for _ in range(7)]
-    empty: Any = create_empty_array(space, 7)
-    flat = flatten_observations(space, concatenate(space, singles, empty))
-    assert flat.dtype == np.float32
-    assert flat.shape == (7, observation_size(space))
-    np.testing.assert_array_equal(flat, [spaces.flatten(space, single) for single in singles])
-    np.testing.assert_array_equal(flatten_observations(space, batch_one(space, singles[3])), flat[3:4])
-
-
-@pytest.mark.parametrize(
-    "space",
-    [
-        spaces.Sequence(spaces.Discrete(2)),
-        spaces.Graph(spaces.Box(-1, 1, (2,)), None),
-        spaces.Dict(a=spaces.Sequence(spaces.Discrete(2))),
-        spaces.Box(-1, 1, (0,)),
-    ],
-    ids=str,
-)
-def test_an_observation_space_without_a_fixed_length_is_refused_in_one_line(space: gym.Space[Any]) -> None:
-    with pytest.raises(UnsupportedSpaceError, match=r"^observation space .* is not supported: .*$"):
-        observation_size(space)
+from dpsearch.policies.observations import UnsupportedSpaceError
+from dpsearch.policies.spaces import head_for, to_env_actions
 
 
 @pytest.mark.parametrize(
@@ -95,6 +46,12 @@ def test_a_bounded_box_is_reached_from_minus_one_to_one_and_clipped() -> None:
 def test_an_unbounded_box_takes_the_numbers_as_they_are() -> None:
     space = spaces.Box(np.array([-np.inf, 0.0], np.float32), np.array([np.inf, np.inf], np.float32))
     np.testing.assert_array_equal(to_env_actions(space, np.array([[7.0, 3.0], [-7.0, -3.0]])), [[7, 3], [-7, 0]])
+
+
+@pytest.mark.parametrize("bound", [np.finfo(np.float32).max, 1e38, np.inf])
+def test_a_box_whose_bounds_are_the_largest_numbers_has_none(bound: float) -> None:
+    space = spaces.Box(-bound, bound, (2,), np.float32)
+    np.testing.assert_array_equal(to_env_actions(space, np.array([[0.5, -3.0]])), [[0.5, -3.0]])
 
 
 def test_actions_have_the_shape_of_their_space() -> None:

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ from dpsearch.envs import TMaze
 from dpsearch.kernels.philox import episode_seeds
 from dpsearch.policies import PolicyConfig, RecurrentPolicy, UnsupportedSpaceError
 from dpsearch.rollout import Episodes, GymEngine, make_rollouts
-from tests.support.toy_envs import LONG, SHORT, Broken, Countdown
+from tests.support.toy_envs import LONG, SHORT, Countdown
 
 KEY = 1234567
 CAP = 50
@@ -279,36 +280,33 @@ def test_a_vector_environment_that_cannot_be_cut_off_is_an_error_not_a_wrong_res
         play(engine)
 
 
-def test_an_environment_without_a_step_limit_needs_one() -> None:
-    with pytest.raises(ValueError, match="no step limit: give max_episode_steps"):
-        GymEngine(Countdown)
+def test_an_environment_without_a_step_limit_gets_one_with_a_warning() -> None:
+    with pytest.warns(UserWarning, match="^max_episode_steps is taken to be 1000: "):
+        assert GymEngine(Countdown).max_steps == 1000
 
 
-@pytest.mark.parametrize("num_envs", [1, 4])
-def test_an_observation_that_is_not_a_number_is_named_and_the_environments_closed(num_envs: int) -> None:
-    made: list[Broken] = []
+@pytest.mark.parametrize("claimed", [-1, 0, None, True, 2.5, "9"])
+@pytest.mark.parametrize("given", [None, 20])
+def test_a_limit_that_is_no_positive_number_is_none(claimed: Any, given: int | None) -> None:
+    def make() -> Countdown:
+        env = Countdown()
+        env.max_episode_steps = claimed  # type: ignore[attr-defined]
+        return env
 
-    def make() -> Broken:
-        made.append(Broken("nan"))
-        return made[-1]
+    if given is None:
+        with pytest.warns(UserWarning, match="max_episode_steps"):
+            engine = GymEngine(make)
+    else:
+        engine = GymEngine(make, max_episode_steps=given)
+    assert engine.max_steps == (1000 if given is None else given)
+    assert set(play(engine).lengths) == {SHORT, LONG}
 
-    with pytest.raises(FloatingPointError, match=r"^the observation at step 3 of episode \d+, lane \d, is not finite$"):
-        play(rollouts(make, num_envs))
-    assert len(made) == num_envs
-    assert all(env.closed for env in made)
 
-
-def test_an_error_of_the_environment_comes_through_and_the_environments_are_closed() -> None:
-    made: list[Broken] = []
-
-    def make() -> Broken:
-        made.append(Broken("raise"))
-        return made[-1]
-
-    engine = rollouts(make)
-    with pytest.raises(RuntimeError, match="the motor is on fire"):
-        engine.collect(policy(engine), 10, key=KEY)
-    assert all(env.closed for env in made)
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_a_ready_vector_environment_may_have_another_limit_than_its_id(mode: str) -> None:
+    vector = gym.make_vec("CartPole-v1", num_envs=2, vectorization_mode=mode, max_episode_steps=600)
+    with closing(vector):
+        assert GymEngine(vector).max_steps == 600
 
 
 def test_environments_are_made_once_and_closed_once() -> None:
@@ -337,17 +335,15 @@ def test_what_came_ready_is_left_open() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "kind"),
-    [
-        ({"action_space": spaces.MultiBinary(2)}, "action"),
-        ({"observed": spaces.Sequence(spaces.Discrete(2))}, "observation"),
-    ],
+    ("kind", "space"),
+    [("action", spaces.MultiBinary(2)), ("observation", spaces.Sequence(spaces.Discrete(2)))],
 )
-def test_an_unsupported_space_is_refused_before_anything_is_played(options: dict[str, Any], kind: str) -> None:
+def test_an_unsupported_space_is_refused_before_anything_is_played(kind: str, space: gym.Space[Any]) -> None:
     made: list[Countdown] = []
 
     def make() -> Countdown:
-        made.append(Countdown(**options))
+        made.append(Countdown())
+        setattr(made[-1], f"{kind}_space", space)
         return made[-1]
 
     with pytest.raises(UnsupportedSpaceError, match=rf"^{kind} space .* is not supported"):

@@ -107,9 +107,16 @@ def test_what_an_environment_says_of_its_arguments_comes_through() -> None:
         make_rollouts(TMAZE, env_kwargs={"corridor": 10})
 
 
-def test_an_environment_without_a_step_limit_needs_one() -> None:
-    with pytest.raises(ValueError, match="no step limit"):
-        make_rollouts(Countdown)
+def test_an_environment_without_a_step_limit_gets_one_with_a_warning() -> None:
+    with pytest.warns(UserWarning, match="max_episode_steps is taken to be 1000"):
+        assert make_rollouts(Countdown).max_steps == 1000
+
+
+def test_a_setting_of_the_other_engine_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^num_envs must be null, got 4: "):
+        make_rollouts(TMAZE, num_envs=4)
+    with pytest.raises(ValueError, match=r"^threads must be 1, got 2: "):
+        make_rollouts(Countdown, threads=2, max_episode_steps=9)
 
 
 def test_arguments_of_a_ready_environment_are_refused() -> None:

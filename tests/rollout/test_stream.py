@@ -11,7 +11,7 @@ import torch
 
 from dpsearch.envs.driving.track import Track
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.rollout import GymEngine, Pieces, Rollouts, Stream, make_rollouts
+from dpsearch.rollout import EnvironmentFailedError, GymEngine, Pieces, Rollouts, Stream, make_rollouts
 from tests.support.toy_envs import Broken, Countdown
 
 KEY = 5
@@ -150,7 +150,8 @@ def test_what_came_ready_made_is_refused(ready: Any) -> None:
     env.close()
 
 
-def test_nan_is_refused() -> None:
-    source = rollouts(lambda: Broken("nan"))
-    with pytest.raises(FloatingPointError, match="step 3 of episode"):
+@pytest.mark.parametrize(("how", "at"), [("nan", "step 3 of episode .*: the observation is not"), ("raise", "step 3")])
+def test_a_failure_is_named(how: str, at: str) -> None:
+    source = rollouts(lambda: Broken(how))
+    with pytest.raises(EnvironmentFailedError, match=at):
         Stream(source, KEY).play(policy_for(source), 100)

@@ -1,6 +1,6 @@
 import pytest
 
-from dpsearch.policies.spaces import observation_size
+from dpsearch.policies.observations import observation_size
 from dpsearch.rollout import GymEngine, LaneEngine
 from dpsearch.runs import EnvRecipe, RunError
 
