@@ -92,7 +92,8 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
             progress=settings.progress,
         ) as run:
             directory.write_config(config)  # the limits may be new
-            print(f"{algorithm.name} on {recipe.id}, seed {algorithm.seed}: {directory.path}", file=sys.stderr)
+            limit = f"episodes of at most {rollouts.max_steps:,} steps"
+            print(f"{algorithm.name} on {recipe.id}, {limit}, seed {algorithm.seed}: {directory.path}", file=sys.stderr)
             outcome = run.learn() or run.finish(settings.evaluation_episodes)
     except (FloatingPointError, MemoryError) as error:
         raise RunError(f"{error}; the run so far is in {directory.path}") from error

@@ -24,6 +24,7 @@ Source: A. R. Cassandra, "POMDP file format", pomdp.org.
 
 from __future__ import annotations
 
+import math
 import os
 
 from dpsearch.env_kit.vector_env import VectorOf
@@ -32,7 +33,8 @@ from dpsearch.pomdp.env import Moment, TabularEnv
 from dpsearch.pomdp.file_format.reader import read_pomdp_file
 from dpsearch.pomdp.task import TabularTask, tabular_task
 
-LIMIT = 100
+SHORTEST, LONGEST = 100, 10_000
+FADED = 0.01  # an episode lasts until rewards count for less than this, by discount
 
 
 class POMDP(TabularEnv):
@@ -40,7 +42,8 @@ class POMDP(TabularEnv):
 
     Args:
         path: The file.
-        max_episode_steps: Steps after which an episode is cut off; 100 by default.
+        max_episode_steps: Steps after which an episode is cut off; by default as many as it takes until a reward counts
+            for 1% by the file's discount factor, at least 100 and at most 10,000.
         render_mode: "ansi" (text) or None.
         reveal: What the text shows; see :class:`TabularEnv`.
 
@@ -67,11 +70,19 @@ class POMDP(TabularEnv):
     @classmethod
     def make_task(cls, path: str | os.PathLike[str], max_episode_steps: int | None = None) -> TabularTask:
         """What the class plays with these arguments."""
-        return tabular_task(read_pomdp_file(path), LIMIT if max_episode_steps is None else max_episode_steps)
+        model = read_pomdp_file(path)
+        return tabular_task(model, default_limit(model.discount) if max_episode_steps is None else max_episode_steps)
 
     def text(self) -> str:
         """The moment in up to three lines of text."""
         return text(self.moment())
+
+
+def default_limit(discount: float) -> int:
+    """Steps until a reward counts for 1%, at least 100 and at most 10,000: 4,603 for a discount factor of 0.999."""
+    if discount <= 0.0 or discount >= 1.0:
+        return SHORTEST if discount <= 0.0 else LONGEST
+    return min(max(math.ceil(math.log(FADED) / math.log(discount)), SHORTEST), LONGEST)
 
 
 class POMDPVector(VectorOf):

@@ -62,7 +62,17 @@ def test_scalar_and_vector_class_agree() -> None:
     assert over.any()
 
 
-def test_the_limit_is_100_steps_and_there_is_no_threshold() -> None:
+@pytest.mark.parametrize("discount", [0.0, 0.5, 0.95, 0.98, 0.999, 0.99999, 1.0])
+def test_an_episode_lasts_until_rewards_count_for_little(discount: float, tmp_path: Path) -> None:
+    path = tmp_path / "x.POMDP"
+    path.write_text(TIGER.read_text().replace("discount: 0.75", f"discount: {discount}"))
+    limit = POMDP(path).max_episode_steps
+    assert 100 <= limit <= 10_000
+    assert discount**limit <= 0.01 or limit == 10_000
+    assert discount ** (limit - 1) > 0.01 or limit == 100
+
+
+def test_the_limit_of_the_tiger_is_100_steps_and_there_is_no_threshold() -> None:
     for given, limit in ((None, 100), (7, 7)):
         env: gym.Env[Any, Any] = gym.make(ID, path=TIGER, max_episode_steps=given)
         assert env.spec is not None
