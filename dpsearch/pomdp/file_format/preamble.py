@@ -116,12 +116,16 @@ class Outline:
         self._require_once(keyword)
         self.require_colon(begin, begin + 1)
         if end - begin < 3:
+            if end < len(self.source.words):
+                self.require_colon(end, end + 1)  # else a keyword is meant as the first name
             raise self.source.error(f"nothing follows {keyword}:", begin)
         return begin + 2, end
 
     def _require_once(self, keyword: str) -> None:
         first, *others = self.bodies[keyword]
         if others:
+            if keyword != "start":  # which may be followed by include or exclude
+                self.require_colon(others[0][0], others[0][0] + 1)  # else it is meant as a name
             line = self.source.line(first[0])
             raise self.source.error(f"{keyword} is given a second time, after line {line}", others[0][0])
 
@@ -172,10 +176,10 @@ class Outline:
             return uniform
         if len(words) == 1 and (is_name(words[0]) or words[0] == "0" or (words[0].isdigit() and states.count > 1)):
             return np.array(np.arange(states.count) == self.look_up(states, place), np.float64)
-        if len(words) != states.count:
+        if len(words) != states.count or any(word in states and is_name(word) for word in words):
             raise self.source.error(
                 f"start must be a state, uniform, or the probabilities of all {states.count} states, "
-                f"got {len(words)} words",
+                f"got {len(words)} words; several states are listed after 'start include:'",
                 place,
             )
         probabilities = self.source.numbers([place], [states.count])

@@ -27,6 +27,7 @@ _COMMENT = re.compile(r"#[^\n]*")
 _LONE_SIGN = re.compile(r"(?<![^\s:*])([+-])(\s+)(?=[.\d])")
 _DIGITS = re.compile(r"[-+.0-9eE ]*")  # without letters, so neither NaN nor infinity
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_UNDECODED = re.compile("[\udc80-\udcff]")  # bytes that are no UTF-8
 _LISTED = 8  # names that a message lists
 
 
@@ -64,12 +65,11 @@ class Source:
             data = Path(name).read_bytes()
         except OSError as error:
             raise PomdpFileError(f"{name}: cannot be read: {error.strerror}") from error
-        try:
-            raw = data.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            line = data.count(b"\n", 0, error.start) + 1
-            raise PomdpFileError(f"{name}, line {line}: this is not text in UTF-8") from error
-        return cls.of(raw, name)
+        source = cls.of(data.decode("utf-8-sig", "surrogateescape"), name)  # comments may be in any encoding
+        for number, line in enumerate(source.text.split("\n"), 1):
+            if _UNDECODED.search(line):
+                raise source.error_in_line("this is not text in UTF-8", number)
+        return source
 
     @classmethod
     def of(cls, raw: str, name: str) -> Source:

@@ -66,6 +66,8 @@ def refused(path: Path, text: str | bytes, line: int | None, message: str) -> No
         (SEEN + "T : go identity", None, "T for action stay, state a: no probabilities are given"),
         ("start: 0.5 0.5 0.5", 6, "the probabilities of the start states sum to 1.5, not 1"),
         ("start: 1.5 0 -0.5", 6, "a probability must be from 0 to 1, got 1.5"),
+        ("start: a b", 6, "got 2 words; several states are listed after 'start include:'"),
+        ("start: a b c", 6, "got 3 words; several states are listed after 'start include:'"),
         ("start: 0.5 0.5", 6, "start must be a state, uniform, or the probabilities of all 3 states, got 2 words"),
         ("start include:", 6, "expected ':' and states after start include"),
         ("start exclude a", 6, "expected ':' and states after start exclude"),
@@ -144,10 +146,25 @@ def test_a_wrong_preamble_is_named_with_its_line(
     refused(path, text.replace(old, new, 1), line, message)
 
 
+@pytest.mark.parametrize("keyword", ["R", "T", "O", "start", "values"])
+@pytest.mark.parametrize("place", ["{} L U", "L {} U", "L U {}"])
+def test_a_keyword_among_names_is_told_from_a_statement(path: Path, keyword: str, place: str) -> None:
+    text = (HEAD + MOVES + SEEN).replace("actions: go stay", f"actions: {place.format(keyword)}")
+    refused(path, text, 4, f"expected ':' after {keyword}, which is a keyword and cannot be a name")
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-16-le"])
+def test_comments_may_be_in_any_encoding(path: Path, encoding: str) -> None:
+    comment = b"# " + "caf\u00e9".encode(encoding) + b"\n"
+    path.write_bytes(comment + (HEAD + MOVES + SEEN).encode() + comment)
+    assert read_pomdp_file(path).n_actions == 2
+
+
 def test_what_is_no_text_is_refused(path: Path) -> None:
     refused(path, b"", None, "the file is empty: it must give discount, values, states, actions, observations")
     refused(path, b"# only a comment\n", None, "the file is empty")
     refused(path, HEAD.encode() + b"T : \xff\xfe", 6, "this is not text in UTF-8")
+    refused(path, HEAD.encode() + b"T : caf\xe9 # caf\xe9", 6, "this is not text in UTF-8")
     refused(path, b"\x89PNG\r\n\x1a\n\x00\x00", 1, "this is not text in UTF-8")
     refused(path, b"\x00\x01\x02", 1, "expected one of discount")
 
