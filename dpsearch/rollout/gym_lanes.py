@@ -62,10 +62,10 @@ def as_reward(reward: Any) -> float:
     Raises:
         ValueError: If it is anything else.
     """
-    try:
-        return float(np.asarray(reward, np.float64).reshape(()))
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the reward must be one number, got {reward!r}") from error
+    number = np.asarray(reward)
+    if number.size != 1 or number.dtype.kind not in "biuf":
+        raise ValueError(f"the reward must be one number, got {reward!r}")
+    return float(number.reshape(()))
 
 
 class GymLanes(ABC):
