@@ -25,6 +25,8 @@ OnError = Literal["raise", "retry"]
 MOST_ATTEMPTS = 10
 """Times that an episode is begun before its failures are taken for the environment's rule."""
 RETRY = 1_000  # purpose of the seeds of a second attempt; one more for each further
+LARGE, SMALL = 100.0, 0.01
+"""Observations beyond are warned of."""
 _IDLE = -1
 
 
@@ -87,6 +89,7 @@ class GymEngine(Rollouts):
             self.close()
             raise ValueError("on_error must be 'raise' unless vectorization is 'sync' and env is an id or a factory")
         self.on_error, self.failures = on_error, 0
+        self._looked_at = False
         self.max_steps = limit_or_default(max_episode_steps, self._lanes.step_limit)
 
     @override
@@ -115,7 +118,11 @@ class GymEngine(Rollouts):
         actor = LaneActor(policy, weights, self._lanes.width(len(numbers)), key, greedy)
         game = _Game(self._lanes, actor, key, numbers, candidates, self.max_steps, self.on_error)
         try:
-            return game.play(record)
+            episodes = game.play(record)
+            if not self._looked_at:
+                self._looked_at = True
+                _warn_of_scale(game.largest)
+            return episodes
         except BaseException:
             self.close()  # the environments stopped in the middle of a step
             raise
@@ -147,6 +154,7 @@ class _Game:
         self._seeds, self._attempts = episode_seeds(key, numbers), np.ones(n, np.int64)
         self._returns, self._lengths, self._terminated = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
         self._recorder = _Recorder()
+        self.largest = np.zeros(lanes.observation_size, np.float32)  # size of each component of the observations
         self._job = np.where(np.arange(width) < n, np.arange(width), _IDLE)  # the episode that each lane plays
         shared = iter(range(width, n))
         self._following = [shared if lanes.restarts else iter(range(i + width, n, width)) for i in range(width)]
@@ -170,6 +178,7 @@ class _Game:
         """Play one step in the busy lanes; those whose episode ends take the next."""
         lanes, job = self._lanes, self._job
         observations = lanes.observations.copy()
+        np.maximum(self.largest, np.abs(observations[busy]).max(axis=0), out=self.largest)
         actions = self._actor.act(observations)
         step = lanes.step(actions, busy)
         failed = dict(lanes.failures)
@@ -232,6 +241,17 @@ class _Game:
             return lanes.failures[lane]
         finite = np.isfinite(lanes.observations[lane]).all()
         return None if finite else FloatingPointError("the observation is not finite")
+
+
+def _warn_of_scale(largest: NDArray[np.float32]) -> None:
+    """Warn of observations that are so large that a policy's units saturate, or so small that it hardly sees them."""
+    worst = int(largest.argmax())
+    if largest[worst] > LARGE or 0.0 < largest[worst] < SMALL:
+        warnings.warn(
+            f"observations are of size {largest[worst]:.2g} (component {worst}); policies learn best from numbers of size "
+            "1: scale them, for example by gymnasium.wrappers.NormalizeObservation or RescaleObservation",
+            stacklevel=3,
+        )
 
 
 class _Recorder:

@@ -36,7 +36,9 @@ LEARNERS: dict[str, Callable[..., Algorithm[Any]]] = {
     "lrwr": partial(LRWR, batch_size=4, max_epochs=2),
     "xnes": partial(XNESPolicySearch, population=4),
 }
-pytestmark = pytest.mark.filterwarnings("ignore:.*is left out", "ignore:.*WARN", "ignore:.*[Bb]ox")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*is left out", "ignore:.*WARN", "ignore:.*[Bb]ox", "ignore:observations are of size"
+)
 
 
 def returns_of_a_plain_loop(algorithm: Algorithm[Any], env: gym.Env[Any, Any], seeds: list[int]) -> list[float]:

@@ -1,3 +1,4 @@
+import warnings
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
@@ -378,3 +379,19 @@ def test_a_policy_that_does_not_fit_is_refused() -> None:
         engine.collect(policy(other), 1, key=KEY)
     with pytest.raises(ValueError, match="n_episodes"):
         engine.collect(policy(engine), 0, key=KEY)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 0.1, 1.0, 20.0, 1e3, 1e6])
+def test_observations_far_from_1_are_warned_of_once(scale: float) -> None:
+    def make() -> gym.Env[Any, Any]:
+        return gym.wrappers.TransformObservation(
+            Countdown(), lambda seen: seen * scale / LONG, Countdown().observation_space
+        )
+
+    engine = rollouts(make)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        play(engine)
+        play(engine)
+    sizes = [str(warning.message) for warning in said if "observations are of size" in str(warning.message)]
+    assert len(sizes) == (0 if 0.01 <= scale <= 100.0 else 1)
