@@ -248,8 +248,8 @@ def _warn_of_scale(largest: NDArray[np.float32]) -> None:
     worst = int(largest.argmax())
     if largest[worst] > LARGE or 0.0 < largest[worst] < SMALL:
         warnings.warn(
-            f"observations are of size {largest[worst]:.2g} (component {worst}); policies learn best from numbers of size "
-            "1: scale them, for example by gymnasium.wrappers.NormalizeObservation or RescaleObservation",
+            f"observations are of size {largest[worst]:.2g} (component {worst}); policies learn best from numbers "
+            "of size 1: scale them, for example by gymnasium.wrappers.NormalizeObservation or RescaleObservation",
             stacklevel=3,
         )
 
