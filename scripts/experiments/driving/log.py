@@ -1,4 +1,4 @@
-"""What a car did, step by step, and what that comes to."""
+"""The log of a drive, step by step, and the metrics computed from it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 STEPS_A_MINUTE = 1800  # 30 a second
 WORN_IN = 300.0  # s, before which a policy cannot fail: it still learns to stay on the road
 FAILED = 6.0  # s a minute off the road
-NO_LAP = 1800.0  # s: what counts as the lap time of a car that completes none, the thesis's half hour
+NO_LAP = 1800.0  # s: counts as the lap time of a car that completes none, the thesis's half hour
+
+SETTLED, WITHIN, FOR_GOOD, OFF, CLEAN, LAP, WALL = "settled", "within", "for_good", "off", "clean", "lap", "wall"
+FAILS, UNSEEN, CURVE = "fails", "unseen", "off_seconds"
+"""Keys of an outcome."""
 
 
 class Logbook(gym.Wrapper[Any, Any, Any, Any]):
@@ -39,14 +43,14 @@ class Drive:
     """A drive of T steps.
 
     Args:
-        rows: What ``Logbook`` noted.
+        rows: The numbers that ``Logbook`` noted.
 
     Attributes:
         speed: ``(T,)`` km/h.
         position: ``(T,)`` half widths from the middle, positive to the left.
         distance: ``(T,)`` metres from the start line.
         lap_time: ``(T,)`` s, of the last lap; 0 before there is one.
-        off_road: ``(T,)``.
+        off_road: ``(T,)`` whether it was off the road.
     """
 
     def __init__(self, rows: array[float]) -> None:
