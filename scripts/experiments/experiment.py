@@ -108,8 +108,8 @@ class Experiment:
     """A table or figure made of many runs.
 
     Attributes:
-        name: For the command line, and the stem of the files' names.
-        title: One line.
+        name: Name on the command line, and stem of the files' names.
+        title: Title of the page, one line.
         text: Explains the numbers, on the page.
         runs: Default number of runs in each cell: the thesis's own where it has one.
         statistic: Mean or median, which is shown of the runs with its interval.
@@ -151,8 +151,8 @@ class Illustration:
     """A table or figure that needs no more than one quick run.
 
     Attributes:
-        name: For the command line, and the stem of the files' names.
-        title: One line.
+        name: Name on the command line, and stem of the files' names.
+        title: Title of the page, one line.
         add_options: Adds the illustration's own options to a parser.
         make: Computes the page, given the options and the command line in words; draws its figure, if any.
         seed: Default seed of the run.

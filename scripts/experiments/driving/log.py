@@ -66,13 +66,13 @@ class Drive:
 
     @property
     def last_off(self) -> float:
-        """When the car was off the road for the last time (s); 0 if it never was."""
+        """Time at which the car was off the road for the last time (s); 0 if it never was."""
         off = np.flatnonzero(self.off_road)
         return float(off[-1] + 1) / 30.0 if len(off) else 0.0
 
     @property
     def settled(self) -> float:
-        """When the first five clean minutes on end begin (s); the length of the drive if there are none."""
+        """Time at which the first five clean minutes on end begin (s); the length of the drive if there are none."""
         clean, _ = self._clean(5 * STEPS_A_MINUTE)
         begins = np.flatnonzero(clean)
         return float(begins[0] if len(begins) else len(self.speed)) / 30.0
@@ -91,7 +91,7 @@ class Drive:
 
     @property
     def lasted(self) -> float:
-        """After how long a policy that does not learn had failed (s), by whole minutes; if never, how long it drove."""
+        """Time by which a policy that does not learn has failed (s), in whole minutes; the drive's length if never."""
         ends = [60.0 * (minute + 1) for minute, off in enumerate(self.off_seconds) if off >= FAILED]
         return min([*ends, len(self.speed) / 30.0])
 

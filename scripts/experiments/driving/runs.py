@@ -55,7 +55,7 @@ def measure_until_failure(overrides: tuple[str, ...], seed: int) -> Outcome:
 
 
 def measure_and_drive_on(overrides: tuple[str, ...], seed: int) -> Outcome:
-    """Learn during a drive, then drive on with mean actions, ever faster; speeds and laps are of that."""
+    """Learn during a drive, then drive on with mean actions, ever faster; speeds and laps are those then."""
     run, drive = learned(overrides, seed)
     then = driven(run.algorithm.policy, compose(overrides), ONWARDS, ONWARDS_STEPS)
     first = outcome(overrides, run, drive)

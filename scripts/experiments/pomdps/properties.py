@@ -33,9 +33,9 @@ class Properties:
     """Counts of a finite POMDP.
 
     Attributes:
-        states: |S|.
-        actions: |A|.
-        observations: |O|.
+        states: Number of states, |S|.
+        actions: Number of actions, |A|.
+        observations: Number of observations, |O|.
         observation_noise: Whether a state can look different from time to time.
         transition_noise: Whether an action can have several outcomes.
     """

@@ -92,7 +92,7 @@ def cells(args: Namespace) -> list[Cell]:
 
 
 def sections(args: Namespace, rows: list[Row]) -> list[Section]:
-    """The share of the way to the optimum, then each metric, for the text's tasks and for those behind the numbers."""
+    """Share of the way to the optimum and each metric: the text's tasks, then those behind the thesis's numbers."""
     groups = (("", TEXT), (", in the tasks behind the thesis's numbers", BEHIND))
     chosen = [(words, [task for task in group if task in args.tasks]) for words, group in groups]
     return [section for words, tasks in chosen if tasks for section in _sections(args, rows, tasks, words)]
