@@ -1,7 +1,7 @@
-"""What the programs accept on their command lines."""
+"""Types and options that the programs' command lines have in common."""
 
-from argparse import ArgumentTypeError
-from collections.abc import Callable, Mapping
+from argparse import ArgumentParser, ArgumentTypeError
+from collections.abc import Callable, Iterable, Mapping
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -18,8 +18,13 @@ def at_least(minimum: int) -> Callable[[str], int]:
     return whole
 
 
+def at_least_one(text: str) -> list[int]:
+    """Whole numbers of at least 1, separated by commas, as a type for argparse; ascending, each once."""
+    return sorted({at_least(1)(part) for part in text.split(",")})
+
+
 def named(known: Mapping[str, T]) -> Callable[[str], list[T]]:
-    """What some names stand for, separated by commas, as a type for argparse."""
+    """The values of some names, separated by commas, as a type for argparse."""
 
     def chosen(text: str) -> list[T]:
         names = list(dict.fromkeys(text.split(",")))
@@ -29,3 +34,21 @@ def named(known: Mapping[str, T]) -> Callable[[str], list[T]]:
         return [known[name] for name in names]
 
     return chosen
+
+
+def add_choice(
+    parser: ArgumentParser, option: str, known: Mapping[str, T], default: Iterable[str] | None = None
+) -> None:
+    """Add an option that takes names, separated by commas, and gives the list of their values.
+
+    Args:
+        parser: The parser that gets the option.
+        option: Name of the option, such as ``--methods``.
+        known: The values by name.
+        default: Names that are chosen by default; None for all.
+    """
+    names = list(known if default is None else default)
+    parser.add_argument(
+        option, type=named(known), default=[known[name] for name in names], metavar="NAME,..",
+        help=f"of {', '.join(known)}; default: {','.join(names)}",
+    )  # fmt: skip

@@ -61,9 +61,9 @@ def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) ->
     """The page with the table, once all runs are made and the figure is drawn.
 
     Args:
-        experiment: What to reproduce.
-        args: How: the command line.
-        log: The runs that are done.
+        experiment: The table or figure.
+        args: The options of the command line.
+        log: The log of runs.
         how: The command line, in words.
     """
     cells = experiment.cells(args)
@@ -95,7 +95,7 @@ def reproduce(experiment: Experiment, args: Namespace, log: RunLog, how: str) ->
 
 
 def make_runs(jobs: Sequence[Job], log: RunLog, processes: int, batch: int = 1) -> dict[Job, Outcome]:
-    """The outcomes of all jobs: those in the log, and those that are made now, in batches, and noted there."""
+    """The outcomes of all jobs; those that are not in the log are made now, in batches, and noted there."""
     outcomes = log.find(jobs)
     missing = batches((job for job in jobs if job not in outcomes), batch)
     terminal = sys.stderr.isatty()
@@ -146,7 +146,7 @@ def _parser() -> ArgumentParser:
 
 
 def _fewer(text: str) -> dict[str, int]:
-    """``elman=5`` as what it means."""
+    """Numbers of runs by method, ``elman=5,..``, as a type for argparse."""
     fewer = {}
     for part in text.split(","):
         method, _, runs = part.partition("=")

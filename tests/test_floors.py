@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-import dpsearch
+from tests.support.public_names import homes
 
 ROOT = Path(__file__).parents[1]
+HOMES = homes()
 
 # From the ground up. A room imports from the floors below it and from itself, not from its neighbours;
 # on the top floor, where the applications are, all doors are open.
@@ -69,7 +70,7 @@ def imported_modules(code: str, module: str, also_submodules: bool = False) -> I
                 names = [f"{source}.{alias.name}" for alias in node.names] if also_submodules else [source]
                 if source == "dpsearch":  # a room, or a public name: count the module it comes from
                     public = [alias.name for alias in node.names if alias.name != "__version__"]
-                    names = [dpsearch._HOMES.get(name, f"dpsearch.{name}") for name in public]
+                    names = [HOMES.get(name, f"dpsearch.{name}") for name in public]
             case ast.Call(
                 func=ast.Name(id="import_module") | ast.Attribute(attr="import_module"),
                 args=[ast.Constant(value=str(name)), *_],

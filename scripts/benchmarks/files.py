@@ -1,4 +1,4 @@
-"""How fast files are read."""
+"""Speed of reading files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def pomdp_file(repeats: int) -> list[Measurement]:
     """A .POMDP file of 10,000 lines, each with a single probability or reward, by name."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "corridor.POMDP"
-        path.write_text("\n".join(_lines()))
+        path.write_text("\n".join(corridor_lines()))
         times = []
         for _ in range(repeats + 1):
             start = process_time()
@@ -28,8 +28,8 @@ def pomdp_file(repeats: int) -> list[Measurement]:
     return [Measurement.of(times[1:], benchmark="pomdp_file", what=what, unit="core-ms", at_most=500.0)]
 
 
-def _lines() -> Iterator[str]:
-    """A corridor with slippery ends, as a file."""
+def corridor_lines() -> Iterator[str]:
+    """The lines of a .POMDP file: a corridor in which steps may fail."""
     names = [f"place-{number}" for number in range(STATES)]
     yield "discount: 0.95\nvalues: reward\nactions: left right\nobservations: dark light"
     yield f"states: {' '.join(names)}"

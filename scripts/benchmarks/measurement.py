@@ -14,15 +14,15 @@ class Measurement:
     """A median and its spread.
 
     Attributes:
-        benchmark: What it belongs to.
-        what: What was measured.
-        unit: Of the numbers.
-        median: Of the repetitions.
-        low: First quartile.
-        high: Third quartile.
+        benchmark: Name of the benchmark.
+        what: Name of the measured speed or size.
+        unit: Unit of the numbers.
+        median: Median of the repetitions.
+        low: First quartile of the repetitions.
+        high: Third quartile of the repetitions.
         repeats: Number of repetitions.
-        at_least: What the project promises, if more is better.
-        at_most: What the project promises, if less is better.
+        at_least: The promised limit, if more is better.
+        at_most: The promised limit, if less is better.
     """
 
     benchmark: str

@@ -1,4 +1,4 @@
-"""What the benchmarks run in processes of their own; each function prints its numbers as JSON."""
+"""Programs that the benchmarks run in processes of their own; each prints its numbers as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What takes a process of its own to measure: starting, memory, compiling."""
+"""Measurements that take a process of their own: starting, memory, compiling."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ print(json.dumps({{"wall": wall, "cpu": cpu, "torch": "torch" in sys.modules}}))
 
 
 def startup(repeats: int) -> list[Measurement]:
-    """What one waits for at the start, when all is compiled and the files are in the system's cache."""
+    """Waiting times at the start, when all is compiled and the files are in the system's cache."""
     rows = []
     for module in ("dpsearch", "dpsearch.envs"):
         code = _IMPORT.format(module=module)
@@ -44,8 +44,8 @@ def startup(repeats: int) -> list[Measurement]:
 
 def memory(repeats: int) -> list[Measurement]:
     """The most memory that long corridors take; the numbers hardly vary, so three runs are enough."""
-    updates = [_probe("long_update") for _ in range(min(repeats, 3))]
-    walks = [_probe("longest_corridor") for _ in range(min(repeats, 3))]
+    updates = [probe("long_update") for _ in range(min(repeats, 3))]
+    walks = [probe("longest_corridor") for _ in range(min(repeats, 3))]
     cases: list[tuple[str, str, list[float], float | None]] = [
         ("RPG update, N = 1000, batch 20, random walk: peak", "MiB", [run["peak"] for run in updates], 1024.0),
         ("of which before the update", "MiB", [run["imported"] for run in updates], None),
@@ -62,15 +62,16 @@ def memory(repeats: int) -> list[Measurement]:
 def compilation(repeats: int) -> list[Measurement]:
     """The first update on a machine that has compiled nothing yet, once, and then again."""
     with tempfile.TemporaryDirectory() as cache:
-        cold = _probe("first_update", NUMBA_CACHE_DIR=cache)["core_seconds"]
-        warm = [_probe("first_update", NUMBA_CACHE_DIR=cache)["core_seconds"] for _ in range(repeats)]
+        cold = probe("first_update", NUMBA_CACHE_DIR=cache)["core_seconds"]
+        warm = [probe("first_update", NUMBA_CACHE_DIR=cache)["core_seconds"] for _ in range(repeats)]
     return [
         Measurement.of(values, benchmark="compilation", what=f"start and first update, {state}", unit="core-seconds")
         for state, values in (("nothing compiled yet", [cold]), ("all compiled", warm))
     ]
 
 
-def _probe(name: str, **environment: str) -> dict[str, float]:
+def probe(name: str, **environment: str) -> dict[str, float]:
+    """The numbers of a probe (``probes.py``), run in a process of its own with these environment variables."""
     return _json([sys.executable, str(Path(__file__).with_name("probes.py")), name], **environment)
 
 

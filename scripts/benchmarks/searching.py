@@ -1,4 +1,4 @@
-"""How fast populations of policies are played, and how long the searches themselves take."""
+"""Speed of playing populations of policies, and of the searches themselves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast the real TORCS is driven, in seconds that one waits for: it is a process of its own."""
+"""Speed of driving the real TORCS, in seconds that one waits for: it is a process of its own."""
 
 from __future__ import annotations
 

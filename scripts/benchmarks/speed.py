@@ -1,6 +1,6 @@
-"""How fast episodes are played and policies updated, in core-seconds of one thread.
+"""Speed of playing episodes and of updating policies, in core-seconds of one thread.
 
-The process's own CPU time is measured, so what else the machine does matters little; what is compared is interleaved.
+The process's own CPU time is measured, so other work on the machine matters little; rivals take turns.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ STANDING_STILL = 1e-12  # learning rate with which all updates are of the same p
 def sampling(repeats: int) -> list[Measurement]:
     """Environment steps a core-second, playing T-mazes with an LSTM of 10 cells."""
     cases = list(product(("random walk", "straight east"), (10, 100), (20, 100, 1000)))
-    players = [_rpg(corridor, batch, straight=walk == "straight east") for walk, corridor, batch in cases]
+    players = [walker(corridor, batch, straight=walk == "straight east") for walk, corridor, batch in cases]
     speeds = _play(players, repeats)
     return [
         Measurement.of(
@@ -69,7 +69,7 @@ def driving(repeats: int) -> list[Measurement]:
 def _play(players: Sequence[RPG], repeats: int) -> list[list[float]]:
     """Steps a core-second that each one plays, in each repetition; they take turns."""
     for player in players:
-        player.play_batch(player.batch_size)  # what is loaded or compiled at first use
+        player.play_batch(player.batch_size)  # loads or compiles code at first use
     speeds: list[list[float]] = [[] for _ in players]
     for _ in _rounds(repeats):
         for player, speed in zip(players, speeds, strict=True):
@@ -90,13 +90,13 @@ def update(repeats: int) -> list[Measurement]:
     """
     rows = []
     for corridor, straight in ((10, True), (100, True), (1000, True), (10, False)):
-        algorithm = _rpg(corridor, 20, straight=straight)
+        algorithm = walker(corridor, 20, straight=straight)
         lstm = copy.deepcopy(algorithm.policy.core)
         assert isinstance(lstm, nn.LSTM)
-        algorithm.update()  # what is loaded or compiled at first use
+        algorithm.update()  # loads or compiles code at first use
         times: dict[str, list[float]] = {name: [] for name in ("whole", "sample", "gradient", "step", "bare")}
         for i in _rounds(repeats * UPDATES):
-            observations = torch.from_numpy(_next_batch(algorithm).observations)
+            observations = torch.from_numpy(next_batch(algorithm).observations)
             for name in ("bare", "whole") if i % 2 else ("whole", "bare"):
                 start = process_time()
                 if name == "whole":
@@ -137,7 +137,7 @@ def _update_rows(case: str, times: dict[str, list[float]]) -> list[Measurement]:
     ]
 
 
-def _rpg(corridor: int, batch: int, *, straight: bool) -> RPG:
+def walker(corridor: int, batch: int, *, straight: bool) -> RPG:
     """RPG on a T-maze, with a policy that does not change: a random walk, or east in every step."""
     env_kwargs: dict[str, Any] = {"corridor_length": corridor}
     if straight:
@@ -149,7 +149,7 @@ def _rpg(corridor: int, batch: int, *, straight: bool) -> RPG:
     return algorithm
 
 
-def _next_batch(algorithm: RPG) -> Episodes:
+def next_batch(algorithm: RPG) -> Episodes:
     """The episodes that the next update will play again."""
     return algorithm.rollouts.collect(
         algorithm.policy, algorithm.batch_size, key=algorithm.training_key, first_episode=algorithm.episodes

@@ -1,32 +1,15 @@
-"""The tables and figures of the thesis, and of what goes beyond it, by name."""
+"""The tables and figures of the thesis, and others that go beyond it, by name.
 
-from scripts.experiments.driving.tables import EXPERIMENTS as DRIVING
+To add one, describe it as an ``Experiment`` in ``tables.py`` of its family and list it in ``EXPERIMENTS`` there;
+``scripts/reproduce.py`` then offers it by its name. In every family ``tables.py`` says what is measured, ``figures.py``
+draws it and ``reported.py`` has the numbers of others; ``__init__.py`` names the further files.
+"""
+
+from scripts.experiments import driving, functions, maze89, poles, pomdps, tmaze
 from scripts.experiments.experiment import Experiment, Illustration
-from scripts.experiments.functions.landscapes import FIG_4_4, TABLE_4_1
-from scripts.experiments.functions.tables import EXPERIMENTS as FUNCTIONS
-from scripts.experiments.maze89.tables import EXPERIMENTS as MAZE89
-from scripts.experiments.maze89.variance import MAZE89_VARIANCE
-from scripts.experiments.poles.policy_gradient import TABLE_3_1
-from scripts.experiments.poles.tables import EXPERIMENTS as POLES
-from scripts.experiments.pomdps.properties import TABLE_7_1
-from scripts.experiments.pomdps.tables import EXPERIMENTS as POMDPS
-from scripts.experiments.tmaze.tables import FIG_3_4, TMAZE_FAST, TMAZE_LONG
 
 EXPERIMENTS: dict[str, Experiment | Illustration] = {
     experiment.name: experiment
-    for experiment in (
-        TABLE_3_1,
-        FIG_3_4,
-        TABLE_4_1,
-        FIG_4_4,
-        *FUNCTIONS,
-        *POLES,
-        TABLE_7_1,
-        *POMDPS,
-        *MAZE89,
-        MAZE89_VARIANCE,
-        *DRIVING,
-        TMAZE_FAST,
-        TMAZE_LONG,
-    )
+    for family in (tmaze, poles, functions, pomdps, maze89, driving)
+    for experiment in family.EXPERIMENTS
 }

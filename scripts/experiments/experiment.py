@@ -1,4 +1,4 @@
-"""What every table and figure has in common: cells, each filled by runs that differ in their seed only."""
+"""Tables and figures as data: cells, each filled by runs that differ in their seed only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scripts.experiments.jobs import Job, Outcome, Work
 
 
 class Settings(Protocol):
-    """All that the runs of a cell depend on, their seeds aside."""
+    """Everything that the runs of a cell depend on, their seeds aside."""
 
     def fingerprint(self) -> str:
         """Tells these settings from others."""
@@ -30,9 +30,9 @@ class Method:
     """A way to learn.
 
     Attributes:
-        name: Short, for the command line and the log of runs.
-        label: For tables and figures.
-        overrides: Hydra's overrides that choose its settings, if these are Hydra's.
+        name: Short name, for the command line and the log of runs.
+        label: Name in tables and figures.
+        overrides: Hydra's overrides that choose the settings, if these are Hydra's.
     """
 
     name: str
@@ -45,12 +45,12 @@ class Cell:
     """One method on one task.
 
     Attributes:
-        task: What has to be learned.
-        method: What learns.
-        recipe: What chooses the settings, the method's included, when a run is made: Hydra's overrides, for example.
-        settings: What they come to.
+        task: Name of the task.
+        method: The method that learns it.
+        recipe: Argument of the function that makes a run: Hydra's overrides, the method's included, for example.
+        settings: Settings that the recipe stands for.
         thesis: The thesis's numbers, by metric; the standard deviation of a metric is ``metric_std``.
-        work: What makes its runs; None for what makes those of the experiment.
+        work: Function that makes this cell's runs; None for the experiment's own.
     """
 
     task: str
@@ -61,12 +61,12 @@ class Cell:
     work: Work | None = None
 
     def jobs(self, work: Work, seeds: Sequence[int]) -> list[Job]:
-        """A run for each seed, made by ``work`` if the cell has none of its own."""
+        """A run for each seed, made by ``work`` if the cell has no function of its own."""
         config, work = self.settings.fingerprint(), self.work or work
         return [Job(self.task, self.method.name, config, self.recipe, seed, work) for seed in seeds]
 
     def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:
-        """What the runs come to: the success rate, then each metric over the successful ones."""
+        """Lines of the table: the success rate of the runs, then each metric over the successful ones."""
 
         def blank(metric: str) -> Row:
             return Row(
@@ -90,12 +90,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Results:
-    """What the runs of an experiment come to.
+    """The outcomes of an experiment's runs, and the rows made of them.
 
     Attributes:
         cells: The cells.
         outcomes: The outcomes of each cell's runs.
-        rows: All rows of the table, those that others report included.
+        rows: All rows of the table, numbers that others report included.
     """
 
     cells: Sequence[Cell]
@@ -108,23 +108,23 @@ class Experiment:
     """A table or figure made of many runs.
 
     Attributes:
-        name: For the command line, and the stem of the files' names.
-        title: One line.
-        text: What the numbers are, for the page.
-        runs: Runs of each cell unless said otherwise: the thesis's own number where it has one.
-        statistic: What is shown of the runs, with its interval.
-        metrics: The numbers of an outcome that are shown.
-        words: For each metric, the heading of its column.
-        run: Makes one run; called in another process, so a function of a module.
-        add_options: Adds its own options to a parser.
+        name: Name on the command line, and stem of the files' names.
+        title: Title of the page, one line.
+        text: Explains the numbers, on the page.
+        runs: Default number of runs in each cell: the thesis's own where it has one.
+        statistic: Mean or median, which is shown of the runs with its interval.
+        metrics: Keys of the numbers in an outcome that are shown.
+        words: Heading of the column of each metric.
+        run: Function that makes one run; another process calls it, so it must belong to a module.
+        add_options: Adds the experiment's own options to a parser.
         cells: The cells that the options ask for.
-        sections: Arranges the rows, and adds those that others report.
+        sections: Arranges the rows in sections, and adds numbers that others report.
         draw: Draws the results into a file.
         table: How the rows are laid out: ``Table``, or ``partial(Grid, ..)``.
-        extra: What the JSON holds besides the rows.
-        log: Stem of the name of the log of runs, which experiments may share; its own name if None.
-        batch: How many runs are made in one go and noted in one line of the log, for runs of about a second.
-        fewer: Fewer runs of some methods unless said otherwise.
+        extra: Computes further content of the JSON, besides the rows.
+        log: Stem of the log's file name, which experiments may share; None for the experiment's own name.
+        batch: Number of runs made in one go and noted in one line of the log, for runs of about a second.
+        fewer: Default numbers of runs of those methods that have fewer.
     """
 
     name: str
@@ -151,11 +151,11 @@ class Illustration:
     """A table or figure that needs no more than one quick run.
 
     Attributes:
-        name: For the command line, and the stem of the files' names.
-        title: One line.
-        add_options: Adds its own options to a parser.
+        name: Name on the command line, and stem of the files' names.
+        title: Title of the page, one line.
+        add_options: Adds the illustration's own options to a parser.
         make: Computes the page, given the options and the command line in words; draws its figure, if any.
-        seed: Of its run, unless said otherwise.
+        seed: Default seed of the run.
     """
 
     name: str
@@ -166,4 +166,9 @@ class Illustration:
 
 
 def no_options(parser: ArgumentParser) -> None:
-    """Of what leaves nothing to choose."""
+    """Add nothing: there is nothing to choose."""
+
+
+def reported(task: str, method: str, metric: str, value: float) -> Row:
+    """A row with a number that others report."""
+    return Row(task=task, method=method, network="", metric=metric).with_report(value, value)

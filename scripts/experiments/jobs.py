@@ -17,9 +17,9 @@ from typing import Any
 import torch
 
 Outcome = dict[str, Any]
-"""What came out of a run: numbers, and lists of numbers for curves; ``solved`` is 0 or 1."""
+"""Results of a run: numbers, and lists of numbers for curves; ``solved`` is 0 or 1."""
 Work = Callable[[Any, int], Outcome]
-"""Makes one run, given its recipe and a seed."""
+"""A function that makes one run, given its recipe and a seed."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Job:
     """One run.
 
     Attributes:
-        task: What has to be learned.
-        method: What learns.
+        task: Name of the task.
+        method: Name of the method that learns it.
         config: Fingerprint of all settings.
-        recipe: What chooses them, for the work: Hydra's overrides, for example.
-        seed: The run's seed.
-        work: What makes the run.
+        recipe: First argument of the work, which chooses the settings: Hydra's overrides, for example.
+        seed: Seed of the run.
+        work: Function that makes the run.
     """
 
     task: str
@@ -44,12 +44,12 @@ class Job:
 
     @property
     def cell(self) -> dict[str, str]:
-        """What it has in common with the runs that differ in their seed only."""
+        """The part of the key that runs share which differ in their seed only."""
         return {"task": self.task, "method": self.method, "config": self.config}
 
     @property
     def key(self) -> dict[str, str | int]:
-        """What tells it from all other runs."""
+        """The run's name in the log, different from all others."""
         return {"task": self.task, "method": self.method, "seed": self.seed, "config": self.config}
 
     def run(self) -> Outcome:

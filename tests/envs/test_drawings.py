@@ -14,8 +14,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 
-from dpsearch.env_kit.drawing import palette
-from dpsearch.env_kit.drawing.canvas import Canvas
 from dpsearch.envs import (
     CheeseMaze,
     Maze4x3,
@@ -31,7 +29,6 @@ from dpsearch.envs import (
     tmaze,
 )
 from dpsearch.pomdp import BeliefFilter, TabularEnv
-from dpsearch.pomdp.cards import percent
 from dpsearch.pomdp.env import REVEALED, Moment
 from dpsearch.pomdp.grid import Grid
 
@@ -361,30 +358,3 @@ def test_errors_of_the_eyes_are_pointed_out_to_those_who_may_know() -> None:
 def test_exact_eyes_make_no_errors(kind: type[TabularEnv], grid: Grid) -> None:
     for cell in range(len(grid.cells)):
         assert "wrong about" not in told(kind, int(grid.neighbours[cell, NORTH]), SOUTH, cell)
-
-
-def test_only_what_is_certain_is_called_0_or_100_percent() -> None:
-    assert [percent(p) for p in (0.0, 0.001, 0.854, 0.999, 1 - 1e-12, 1.0)] == [
-        "0%",
-        "<1%",
-        "85%",
-        ">99%",
-        "100%",
-        "100%",
-    ]
-
-
-def test_colors_are_mixed() -> None:
-    assert palette.mix("#000000", "#ffffff", 0.0) == "#000000"
-    assert palette.mix("#000000", "#ff8000", 1.0) == "#ff8000"
-    assert palette.mix("#102030", "#203040", 0.5) == "#182838"
-
-
-def test_text_that_is_too_wide_is_broken_or_made_smaller() -> None:
-    canvas = Canvas(400, 200)
-    assert canvas.text_width("wide", 20) > canvas.text_width("wide", 10) > 0
-    assert canvas.paragraph((0, 0), "one two three", 1000, 10) == pytest.approx(14)
-    assert canvas.paragraph((0, 0), "one two three", 1, 10) == pytest.approx(42)
-    canvas.text((10, 100), "as long as a line of text can be", 40, "#000000", width=150)
-    columns = np.flatnonzero((canvas.frame()[80:] < 100).all(axis=(2,)).any(axis=0))
-    assert columns.max() < 165

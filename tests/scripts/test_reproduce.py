@@ -1,5 +1,4 @@
 import json
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,18 +9,15 @@ from dpsearch.report.tables import SUCCESS_RATE
 from scripts import reproduce
 from scripts.experiments import EXPERIMENTS
 from scripts.experiments.experiment import Experiment
-from scripts.experiments.jobs import Batch, Outcome, run_batch
+from scripts.experiments.jobs import Outcome
 from scripts.experiments.tmaze.reported import LONGEST
+from tests.support.runs_here import make_runs_here
 
 
 @pytest.fixture(autouse=True)
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make runs in this process, one by one."""
-
-    def one_by_one(todo: Iterable[Batch], processes: int) -> Iterator[tuple[Batch, list[Outcome]]]:
-        return ((batch, run_batch(batch)) for batch in todo)
-
-    monkeypatch.setattr(reproduce, "run_all", one_by_one)
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Runs are made in this process."""
+    return make_runs_here(monkeypatch)
 
 
 class Pretence:

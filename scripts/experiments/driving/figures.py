@@ -1,12 +1,10 @@
-"""How drives are drawn: the time off the road while learning, and what the car has learned in the end."""
+"""The figure and the film of racing: the time off the road while learning, and the last lap of one run."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from array import array
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,29 +16,26 @@ from dpsearch.envs.torcs.env import TORCS
 from dpsearch.report.figures import COLOURS, GREY, figure
 from dpsearch.report.statistics import bootstrap_interval
 from dpsearch.runs.playback import Gif
-from scripts.experiments.driving.log import Drive
+from scripts.experiments.driving.log import CURVE, Drive
+from scripts.experiments.driving.runs import learned
 from scripts.experiments.experiment import Cell, Results
 from scripts.experiments.training import compose
 
 FILM_HZ = 10.0
-Learner = Callable[[tuple[str, ...], int], tuple[Algorithm[Any], "array[float]"]]
+HALF_HOUR = "total_steps=54_000"
 
 
-def draw_drives(learner: Learner, args: Namespace, results: Results, path: Path) -> None:
+def draw_drives(args: Namespace, results: Results, path: Path) -> None:
     """Time off the road by the minute, of all runs; then the last lap of one more run of the first cell.
 
     Args:
-        learner: Makes the algorithm, and the book in which its driving is noted.
-        args: The command line; its ``seed`` is that of the run.
-        results: What the runs came to.
+        args: The command line, with the seed of the run.
+        results: The outcomes of the runs.
         path: The file.
     """
     cell = results.cells[0]
-    algorithm, rows = learner(cell.recipe, args.seed)  # type: ignore[arg-type]
-    algorithm.learn(total_steps=54_000)
-    algorithm.close()
-    drive = Drive(rows)
-    _film(algorithm, cell, path.with_suffix(".gif"))
+    run, drive = learned((*cast(tuple[str, ...], cell.recipe), HALF_HOUR), args.seed)
+    _film(run.algorithm, cell, path.with_suffix(".gif"))
     line, width = _road(cell.task)
     with figure(path, [1, 1], columns=2, size=(11.0, 7.2)) as panels:
         _while_learning(panels[0, 0], results)
@@ -82,11 +77,11 @@ def _film(algorithm: Algorithm[Any], cell: Cell, path: Path) -> None:
 def _while_learning(axes: Axes, results: Results) -> None:
     cells = zip(results.cells, results.outcomes, strict=True)
     # Those that learned while driving
-    drives = [(cell, outcomes) for cell, outcomes in cells if "off_seconds" in outcomes[0]]
+    drives = [(cell, outcomes) for cell, outcomes in cells if CURVE in outcomes[0]]
     methods = list(dict.fromkeys(cell.method.name for cell, _ in drives))
     simulators = list(dict.fromkeys(cell.task for cell, _ in drives))
     for cell, outcomes in drives:
-        minutes = [outcome["off_seconds"][:30] for outcome in outcomes]
+        minutes = [outcome[CURVE][:30] for outcome in outcomes]
         means = np.mean(minutes, axis=0)
         x = np.arange(len(means)) + 0.5
         colour, line = COLOURS[methods.index(cell.method.name)], ("-", "--")[simulators.index(cell.task)]

@@ -1,4 +1,4 @@
-"""What a car did, step by step, and what that comes to."""
+"""The log of a drive, step by step, and the metrics computed from it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 STEPS_A_MINUTE = 1800  # 30 a second
 WORN_IN = 300.0  # s, before which a policy cannot fail: it still learns to stay on the road
 FAILED = 6.0  # s a minute off the road
-NO_LAP = 1800.0  # s: what counts as the lap time of a car that completes none, the thesis's half hour
+NO_LAP = 1800.0  # s: counts as the lap time of a car that completes none, the thesis's half hour
+
+SETTLED, WITHIN, FOR_GOOD, OFF, CLEAN, LAP, WALL = "settled", "within", "for_good", "off", "clean", "lap", "wall"
+FAILS, UNSEEN, CURVE = "fails", "unseen", "off_seconds"
+"""Keys of an outcome."""
 
 
 class Logbook(gym.Wrapper[Any, Any, Any, Any]):
@@ -39,14 +43,14 @@ class Drive:
     """A drive of T steps.
 
     Args:
-        rows: What ``Logbook`` noted.
+        rows: The numbers that ``Logbook`` noted.
 
     Attributes:
         speed: ``(T,)`` km/h.
         position: ``(T,)`` half widths from the middle, positive to the left.
         distance: ``(T,)`` metres from the start line.
         lap_time: ``(T,)`` s, of the last lap; 0 before there is one.
-        off_road: ``(T,)``.
+        off_road: ``(T,)`` whether it was off the road.
     """
 
     def __init__(self, rows: array[float]) -> None:
@@ -62,13 +66,13 @@ class Drive:
 
     @property
     def last_off(self) -> float:
-        """When the car was off the road for the last time (s); 0 if it never was."""
+        """Time at which the car was off the road for the last time (s); 0 if it never was."""
         off = np.flatnonzero(self.off_road)
         return float(off[-1] + 1) / 30.0 if len(off) else 0.0
 
     @property
     def settled(self) -> float:
-        """When the first five clean minutes on end begin (s); the length of the drive if there are none."""
+        """Time at which the first five clean minutes on end begin (s); the length of the drive if there are none."""
         clean, _ = self._clean(5 * STEPS_A_MINUTE)
         begins = np.flatnonzero(clean)
         return float(begins[0] if len(begins) else len(self.speed)) / 30.0
@@ -87,7 +91,7 @@ class Drive:
 
     @property
     def lasted(self) -> float:
-        """After how long a policy that does not learn had failed (s), by whole minutes; if never, how long it drove."""
+        """Time by which a policy that does not learn has failed (s), in whole minutes; the drive's length if never."""
         ends = [60.0 * (minute + 1) for minute, off in enumerate(self.off_seconds) if off >= FAILED]
         return min([*ends, len(self.speed) / 30.0])
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from functools import cache
 from itertools import product
-from time import perf_counter
 from typing import Any, Final
 
 import gymnasium as gym
@@ -20,9 +19,10 @@ from dpsearch.envs.torcs.env import TORCS
 from dpsearch.policies import PolicyRunner, RecurrentPolicy
 from dpsearch.report.statistics import Statistic
 from dpsearch.report.tables import SUCCESS_RATE, Row
-from scripts.experiments.driving.log import NO_LAP, Drive, Logbook
+from scripts.experiments.driving.log import LAP, NO_LAP, WALL, Drive, Logbook
 from scripts.experiments.experiment import Cell, Method
 from scripts.experiments.jobs import Outcome
+from scripts.experiments.learning import ENV_STEPS, learn
 from scripts.experiments.training import compose
 
 ROAD: Final = "g-track-2"
@@ -31,12 +31,12 @@ SIMULATORS: Final = {"track": f"embedded {ROAD}", "torcs": f"TORCS, {ROAD}, unch
 TEST_STEPS: Final = 9000  # five minutes: at least three laps of a car that is fast enough
 ENOUGH: Final = 1.3  # times the lap of TORCS' own driver
 
-LAP, RATIO, NEAR, OFF, HOURS, WALL = "lap", "ratio", "near", "off_share", "hours", "wall"
+RATIO, NEAR, OFF_SHARE, HOURS = "ratio", "near", "off_share", "hours"
 PEDAL_WORDS: Final = {
     SUCCESS_RATE: "runs with a clean lap",
     RATIO: "times that of TORCS' own driver",
     NEAR: f"at most {ENOUGH:g} times, % of runs",
-    OFF: "off the road, % of the time",
+    OFF_SHARE: "off the road, % of the time",
     HOURS: "hours of driving searched",
 }
 PEDALS: Final = Method("pedals", "black-box search, pedals too", ("experiment=driving_pedals",))
@@ -51,7 +51,7 @@ class PedalsCell(Cell):
 
     @override
     def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:
-        """What the drives come to in each simulator."""
+        """Lines of the table for each simulator: the drives of all runs, and those of the better of two."""
         better = [better_of(pair) for pair in zip(outcomes[::2], outcomes[1::2], strict=False)]
         rows = []
         for (name, task), (method, runs) in product(
@@ -61,7 +61,7 @@ class PedalsCell(Cell):
             told = [{**run[name], "solved": int(run[name][LAP] < NO_LAP)} for run in runs]
             rows += cell.rows(told, (LAP, RATIO), statistic)  # a lap that there is not would drown all others
             everyone = [{**one, "solved": 1} for one in told]
-            rows += cell.rows(everyone, (NEAR, OFF, HOURS, WALL), statistic)[1:]
+            rows += cell.rows(everyone, (NEAR, OFF_SHARE, HOURS, WALL), statistic)[1:]
         return rows
 
 
@@ -78,22 +78,20 @@ def pedals_cell() -> Cell:
 
 
 def search_and_drive(overrides: tuple[str, ...], seed: int) -> Outcome:
-    """Search on the embedded track, then drive there and in TORCS with what has been found."""
+    """Search on the embedded track, then drive there and in TORCS with the policy that was found."""
     settings = compose(overrides)
-    algorithm = settings.algorithm(settings.rollouts(), seed)
-    start = perf_counter()
-    algorithm.learn(total_steps=settings.config.total_steps)
-    searched = {HOURS: algorithm.env_steps / 108_000, WALL: perf_counter() - start}
-    algorithm.close()
+    run = learn(settings, seed)
+    run.algorithm.close()
+    searched = {HOURS: run.algorithm.env_steps / 108_000, WALL: run.wall_seconds}
     kwargs = settings.config.env.recipe().kwargs
     rules = {name: kwargs[name] for name in ("speed_profile", "observations", "lookahead", "control_hz")}
     cars = {"track": Track(track=ROAD, width=WIDTH, **rules), "torcs": TORCS(track=ROAD, **rules)}
-    told = {name: {**as_driven(drive_on(algorithm.policy, car)), **searched} for name, car in cars.items()}
-    return {"solved": 1, "env_steps": algorithm.env_steps, **told}
+    told = {name: {**as_driven(drive_on(run.algorithm.policy, car)), **searched} for name, car in cars.items()}
+    return {"solved": 1, **run.counts(ENV_STEPS), **told}
 
 
 def drive_on(policy: RecurrentPolicy, env: gym.Env[Any, Any], steps: int = TEST_STEPS) -> Drive:
-    """So many steps of driving; a car that is stuck is put back on the road, slow and without memory."""
+    """Drive so many steps; a car that is stuck is put back on the road, slow and without memory."""
     rows = array("d")
     runner = PolicyRunner(policy, greedy=True)
     with closing(Logbook(env, rows)) as book:
@@ -107,13 +105,13 @@ def drive_on(policy: RecurrentPolicy, env: gym.Env[Any, Any], steps: int = TEST_
 
 
 def as_driven(drive: Drive) -> dict[str, float]:
-    """What a drive comes to, beside TORCS' own driver."""
+    """The metrics of a drive, its lap beside that of TORCS' own driver."""
     ratio = drive.best_lap / own_driver()
     return {
         LAP: drive.best_lap,
         RATIO: ratio,
         NEAR: 100.0 * (ratio <= ENOUGH),
-        OFF: 100.0 * float(np.mean(drive.off_road)),
+        OFF_SHARE: 100.0 * float(np.mean(drive.off_road)),
     }
 
 

@@ -11,14 +11,16 @@ import numpy as np
 from typing_extensions import override
 
 from dpsearch.algos import Algorithm
+from dpsearch.algos.base import Metrics
 from dpsearch.envs.driving.rules import PROFILE
 from dpsearch.policies import RecurrentPolicy
 from dpsearch.report.statistics import Statistic
 from dpsearch.report.tables import Row
-from scripts.experiments.driving.log import Drive
+from scripts.experiments.driving.log import CLEAN, FOR_GOOD, LAP, OFF, Drive
 from scripts.experiments.driving.pedals import drive_on
 from scripts.experiments.experiment import Cell, Method
 from scripts.experiments.jobs import Outcome
+from scripts.experiments.learning import ENV_STEPS, Learned, learn
 from scripts.experiments.training import Settings, compose
 
 SEARCH: Final = Method("search", "black-box search, steering", ("algo=cmaes",))
@@ -28,48 +30,47 @@ HALF_HOUR: Final = 54_000  # steps
 
 
 class SearchCell(Cell):
-    """Runs that search first and drive then: they have no first clean minutes while they learn."""
+    """Runs that search first and drive afterwards: no clean minutes begin while they learn."""
 
     @override
     def rows(self, outcomes: Sequence[Outcome], metrics: Sequence[str], statistic: Statistic) -> list[Row]:
-        """Of the metrics, those that mean the same as of a run that learns while driving."""
-        return super().rows(
-            outcomes, [name for name in metrics if name in ("for_good", "off", "clean", "lap")], statistic
-        )
+        """Lines of the table, with those metrics that also make sense for a drive without learning."""
+        return super().rows(outcomes, [name for name in metrics if name in (FOR_GOOD, OFF, CLEAN, LAP)], statistic)
 
 
 def search_steering(overrides: tuple[str, ...], seed: int) -> Outcome:
     """Search for about half an hour of driving, then drive half an hour with what has been found."""
     settings = compose(overrides)
-    algorithm = settings.algorithm(settings.rollouts(), seed)
-    keeps_since = searched(algorithm, settings)
-    algorithm.close()
-    drive = driven(algorithm.policy, settings, PROFILE, HALF_HOUR)
+    run, keeps_since = searched(settings, seed)
+    drive = driven(run.algorithm.policy, settings, PROFILE, HALF_HOUR)
     minutes = drive.off_seconds
     return {
         "solved": 1,
-        "for_good": keeps_since,
-        "off": sum(minutes) / len(minutes),
-        "clean": drive.clean_speed,
-        "lap": drive.best_lap,
-        "env_steps": algorithm.env_steps,
+        FOR_GOOD: keeps_since,
+        OFF: sum(minutes) / len(minutes),
+        CLEAN: drive.clean_speed,
+        LAP: drive.best_lap,
+        **run.counts(ENV_STEPS),
     }
 
 
-def searched(algorithm: Algorithm[Any], settings: Settings) -> float:
-    """Search, and say after how many seconds of driving it had come up with what kept to the road from then on.
+def searched(settings: Settings, seed: int) -> tuple[Learned, float]:
+    """Search, and test the policy after each generation, which is no part of the search.
 
-    After each generation its policy is tested, which is no part of the search.
+    Returns:
+        The run, whose engine is closed; and the seconds of driving after which all tests were passed, at most those
+        of the whole search.
     """
     keeps_since = np.inf
 
-    def test(*_: object) -> None:
+    def test(algorithm: Algorithm[Any], metrics: Metrics) -> None:
         nonlocal keeps_since
         leaves = driven(algorithm.policy, settings, TEST_PROFILE, TEST_STEPS).off_road.any()
         keeps_since = np.inf if leaves else min(keeps_since, algorithm.env_steps / 30.0)
 
-    algorithm.learn(total_steps=settings.config.total_steps, callback=test)
-    return min(keeps_since, algorithm.env_steps / 30.0)
+    run = learn(settings, seed, callback=test)
+    run.algorithm.close()
+    return run, min(keeps_since, run.algorithm.env_steps / 30.0)
 
 
 def driven(policy: RecurrentPolicy, settings: Settings, profile: tuple[float, float, float], steps: int) -> Drive:

@@ -3,38 +3,33 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from array import array
-from collections.abc import Callable
-from contextlib import suppress
-from functools import partial
-from time import perf_counter
-from typing import Any
 
-from dpsearch.algos import Algorithm
-from dpsearch.envs.driving.rules import SpeedProfile
-from dpsearch.envs.driving.track import Track
 from dpsearch.envs.torcs import Installation, TorcsError
-from dpsearch.envs.torcs.reference import best_lap
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
-from dpsearch.rollout import make_rollouts
 from dpsearch.runs import RunError
-from scripts.arguments import named
+from scripts.arguments import add_choice
+from scripts.experiments.driving import reported
 from scripts.experiments.driving.figures import draw_drives
-from scripts.experiments.driving.log import FAILED, NO_LAP, STEPS_A_MINUTE, WORN_IN, Drive, Logbook
+from scripts.experiments.driving.log import (
+    CLEAN,
+    FAILED,
+    FAILS,
+    FOR_GOOD,
+    LAP,
+    NO_LAP,
+    OFF,
+    SETTLED,
+    UNSEEN,
+    WALL,
+    WITHIN,
+)
 from scripts.experiments.driving.pedals import BETTER, PEDAL_WORDS, PEDALS, TEST_STEPS, WIDTH, pedals_cell
-from scripts.experiments.driving.search import SEARCH, SearchCell, driven, search_steering
+from scripts.experiments.driving.runs import UNSEEN_SPEED, measure, measure_and_drive_on, measure_until_failure
+from scripts.experiments.driving.search import SEARCH, SearchCell, search_steering
 from scripts.experiments.experiment import Cell, Experiment, Method
-from scripts.experiments.jobs import Outcome
 from scripts.experiments.training import compose
 
 TASKS = {"torcs": "TORCS, g-track-2", "track": "embedded g-track-2"}
-TWO_MINUTES = 120.0  # of driving (s)
-
-UNSEEN_ROADS = range(1, 21)  # seeds
-UNSEEN_SPEED = 50.0  # km/h: their hairpins have a radius of 25 m
-
-SETTLED, WITHIN, FOR_GOOD, OFF, CLEAN, LAP, WALL = "settled", "within", "for_good", "off", "clean", "lap", "wall"
-FAILS, UNSEEN = "fails", "unseen"
 WORDS = {
     SETTLED: "first 5 clean minutes begin after, s",
     WITHIN: "and never left it after 2 minutes, % of runs",
@@ -47,7 +42,6 @@ WORDS = {
     **PEDAL_WORDS,
     WALL: "wall time, s",
 }
-CURVE = "off_seconds"
 
 OURS = Method("rpg", "RPG, our settings", ("algo=rpg",))
 THESIS = Method("rpg_thesis", "RPG, the thesis's settings", ("experiment=driving_thesis",))
@@ -63,103 +57,8 @@ FASTER_ONE_SIDED = Method(
 DRIVES_ON = Method(
     "rpg_drives_on", "RPG, our settings, then on without learning or noise until it fails", OURS.overrides
 )
-ONWARDS = (70.0, 190.0, 3600.0)  # the speeds after the thesis's, rising as they did
-ONWARDS_STEPS = 108_000
 RISING = (DRIVES_ON, FASTER, FASTER_ONE_SIDED)
 METHODS = {method.name: method for method in (OURS, ONE_SIDED, THESIS, *RISING, SEARCH, PEDALS)}
-# Section 3.4.4: 10 of 10 runs, "just under 2 minutes", 70 km/h, "just under 3 minutes"
-REPORTED = {SETTLED: 120.0, CLEAN: 70.0, LAP: 180.0}
-
-
-def learner(overrides: tuple[str, ...], seed: int) -> tuple[Algorithm[Any], array[float]]:
-    """What ``train.py`` would make with these overrides, and the book in which its driving is noted."""
-    settings = compose(overrides)
-    recipe, rows = settings.config.env.recipe(), array("d")
-    rollouts = make_rollouts(lambda: Logbook(recipe.make(), rows))
-    return settings.algorithm(rollouts, seed), rows
-
-
-def measure(overrides: tuple[str, ...], seed: int) -> Outcome:
-    """Learn during a drive, and say how the drive was."""
-    return outcome(overrides, *learned(overrides, seed))
-
-
-def measure_until_failure(overrides: tuple[str, ...], seed: int) -> Outcome:
-    """The same of a drive that ends when the policy fails."""
-
-    def goes_on(rows: array[float]) -> bool:
-        return not Drive(rows[-5 * max(STEPS_A_MINUTE, round(30.0 * WORN_IN)) :]).failed
-
-    return outcome(overrides, *learned(overrides, seed, goes_on))
-
-
-def measure_and_drive_on(overrides: tuple[str, ...], seed: int) -> Outcome:
-    """Learn during a drive, then drive on with mean actions, ever faster; speeds and laps are of that."""
-    algorithm, drive, wall = learned(overrides, seed)
-    then = driven(algorithm.policy, compose(overrides), ONWARDS, ONWARDS_STEPS)
-    first = outcome(overrides, algorithm, drive, wall)
-    del first[CURVE]  # that of who stops after half an hour, to be drawn once
-    return {
-        **first,
-        CLEAN: then.clean_speed,
-        LAP: then.best_lap,
-        FAILS: SpeedProfile(*ONWARDS).speed(then.lasted),
-    }
-
-
-def learned(
-    overrides: tuple[str, ...], seed: int, goes_on: Callable[[array[float]], bool] | None = None
-) -> tuple[Algorithm[Any], Drive, float]:
-    """What has learned during a drive, that drive, and how long it took (s of wall time).
-
-    Args:
-        overrides: Hydra's.
-        seed: Of the run.
-        goes_on: Whether the drive goes on after an update, by the rows that ``Logbook`` noted; None until its end.
-    """
-    algorithm, rows = learner(overrides, seed)
-    start = perf_counter()
-    with suppress(FloatingPointError):  # it diverged: the drive is what it is
-        algorithm.learn(
-            total_steps=compose(overrides).config.total_steps,
-            callback=None if goes_on is None else lambda *_: goes_on(rows),
-        )
-    wall = perf_counter() - start
-    algorithm.close()
-    return algorithm, Drive(rows), wall
-
-
-def outcome(overrides: tuple[str, ...], algorithm: Algorithm[Any], drive: Drive, wall: float) -> Outcome:
-    """How a drive was."""
-    profile = compose(overrides).config.env.recipe().kwargs["speed_profile"]
-    later = drive.off_seconds[2:]
-    return {
-        "solved": 1,
-        SETTLED: drive.settled,
-        WITHIN: 100.0 * (max(drive.settled, drive.last_off) <= TWO_MINUTES),
-        FOR_GOOD: drive.last_off,
-        OFF: sum(later) / max(len(later), 1),
-        CLEAN: drive.clean_speed,
-        LAP: drive.best_lap,
-        FAILS: SpeedProfile(*profile).speed(len(drive.speed) / 30.0),
-        UNSEEN: unseen(algorithm, overrides),
-        WALL: wall,
-        CURVE: drive.off_seconds,
-        "env_steps": algorithm.env_steps,
-    }
-
-
-def unseen(algorithm: Algorithm[Any], overrides: tuple[str, ...]) -> float:
-    """On how many of twenty random roads the policy's most probable actions keep the car for three minutes (%)."""
-    kwargs = compose(overrides).config.env.recipe().kwargs
-    options = {name: kwargs[name] for name in ("observations", "lookahead", "control_hz")}
-    kept = 0
-    for road in UNSEEN_ROADS:
-        road_kwargs = {**options, "track": road, "width": WIDTH, "speed_profile": UNSEEN_SPEED, "stuck_seconds": 0.01}
-        rollouts = make_rollouts(Track, env_kwargs=road_kwargs, max_episode_steps=5400)
-        kept += not rollouts.collect(algorithm.policy, 1, key=0, greedy=True, record=False).terminated[0]
-        rollouts.close()
-    return 100.0 * kept / len(UNSEEN_ROADS)
 
 
 WORK = {
@@ -168,7 +67,7 @@ WORK = {
     FASTER_ONE_SIDED: measure_until_failure,
     SEARCH: search_steering,
 }
-"""How runs are measured that are not by ``measure``."""
+"""Function that makes the runs of a method, where it is not ``measure``."""
 
 
 def has_torcs() -> bool:
@@ -182,14 +81,8 @@ def has_torcs() -> bool:
 
 def _add_options(parser: ArgumentParser) -> None:
     available = [name for name in TASKS if name != "torcs" or has_torcs()]
-    parser.add_argument(
-        "--methods", type=named(METHODS), default=list(METHODS.values()), metavar="M,..",
-        help=f"which; default: {','.join(METHODS)}",
-    )  # fmt: skip
-    parser.add_argument(
-        "--simulators", type=named({name: name for name in TASKS}), default=available, metavar="S,..",
-        help="torcs, track; default: both, or track alone where TORCS is not installed",
-    )  # fmt: skip
+    add_choice(parser, "--methods", METHODS)
+    add_choice(parser, "--simulators", {name: name for name in TASKS}, available)
 
 
 def _cells(args: Namespace) -> list[Cell]:
@@ -210,12 +103,9 @@ def _cells(args: Namespace) -> list[Cell]:
 
 
 def _sections(args: Namespace, rows: list[Row]) -> list[Section]:
-    def row(metric: str, value: float, method: str, task: str) -> Row:
-        return Row(task=task, method=method, network="", metric=metric).with_report(value, value)
-
-    theirs = [row(metric, value, "reported: thesis", "TORCS of 2007") for metric, value in REPORTED.items()]
+    theirs = reported.thesis()
     if "torcs" in args.simulators:
-        theirs.append(row(LAP, best_lap("g-track-2"), "TORCS' own driver, with pedals", TASKS["torcs"]))
+        theirs.append(reported.own_driver(TASKS["torcs"]))
     own = [
         r for r in rows if r.metric in WORDS and (r.metric != FAILS or r.method in [method.label for method in RISING])
     ]
@@ -265,7 +155,7 @@ EXPERIMENTS = (
         add_options=_add_options,
         cells=_cells,
         sections=_sections,
-        draw=partial(draw_drives, learner),
+        draw=draw_drives,
         log="driving",
         fewer={
             OURS.name: 10,

@@ -1,4 +1,4 @@
-"""How the results on the functions of table 4.1 are drawn: a colour for each method, or function if there is one."""
+"""The figures of the functions of table 4.1: a colour for each method, or function where there is one method."""
 
 from __future__ import annotations
 
@@ -9,15 +9,21 @@ from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Ellipse
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, PercentFormatter
 
 from dpsearch.report.figures import COLOURS, GREY, MARKERS, curve, figure, logarithmic, name_lines
 from dpsearch.report.tables import SUCCESS_RATE, Row
-from dpsearch.search.functions import FUNCTIONS
+from dpsearch.search.base import Matrix, Vector
+from dpsearch.search.functions import FUNCTIONS, Function
 from scripts.experiments.experiment import Cell, Results
 from scripts.experiments.functions.methods import METHODS
 from scripts.experiments.functions.runs import SPAN, Curve, Problem, summary
 
+Course = Sequence[tuple[Vector, Matrix, int]]
+"""Mean ``(d,)``, factor ``(d, d)`` of the covariance, and evaluations so far, of each generation of a search."""
+
+DRAWN = 12  # of all search distributions, as many as one can tell apart
 METHOD_COLOURS = dict(zip(METHODS, (*COLOURS, GREY, "#8C510A", "black"), strict=True))
 METHOD_MARKERS = dict(zip(METHODS, (*MARKERS, "X", "<", "*"), strict=True))
 
@@ -181,3 +187,48 @@ def _finish(axes: Axes, shown: Sequence[Curve], dimension: int, target: float) -
 
 def _kind(function: str) -> str:
     return "Bounded functions" if FUNCTIONS[function].target > 0.0 else "Unbounded ridges"
+
+
+def draw_search(function: Function, course: Course, stds: float, path: Path) -> None:
+    """Figure 4.4: the search distributions of one search in the plane, over the landscape, from light to dark.
+
+    Args:
+        function: The function that is minimised.
+        course: The search, generation by generation.
+        stds: Standard deviations that an ellipse shows.
+        path: The file.
+    """
+    with figure(path, [1.0], size=(6.6, 6.2)) as panels:
+        _draw_course(panels[0, 0], function, course, stds)
+
+
+def _draw_course(axes: Axes, function: Function, course: Course, stds: float) -> None:
+    low, high = np.array([-4.0, -1.5]), np.array([1.5, 4.0])
+    x, y = (np.linspace(low[k], high[k], 400) for k in range(2))
+    landscape = function(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(len(y), len(x))
+    axes.contourf(x, y, landscape, levels=14, cmap="Greys", alpha=0.55)
+    ordered = np.linspace(0.0, 1.0, len(course))
+    for k in np.unique(np.linspace(0, len(course) - 1, DRAWN).astype(int)):
+        mean, factor, _ = course[k]
+        axes.add_patch(_ellipse(mean, factor, stds, float(ordered[k])))
+    means = np.array([mean for mean, _, _ in course])
+    axes.plot(*means.T, ".-", color=COLOURS[0], linewidth=1.0, markersize=4, zorder=4, label="mean")
+    axes.plot(0, 0, "P", color=COLOURS[1], markersize=10, markeredgecolor="white", zorder=5, label="optimum")
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    axes.grid(visible=False)
+    axes.set_xlabel("$z_1$")
+    axes.set_ylabel("$z_2$")
+    axes.legend(loc="upper right", frameon=True, framealpha=1.0, edgecolor="white")
+
+
+def _ellipse(mean: Vector, factor: Matrix, stds: float, age: float) -> Ellipse:
+    """The points of a distribution that lie so many standard deviations from its mean."""
+    vectors, lengths, _ = np.linalg.svd(factor)
+    angle = np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0]))
+    width, height = 2.0 * stds * lengths
+    return Ellipse(
+        (float(mean[0]), float(mean[1])), width, height, angle=angle, fill=False,
+        edgecolor=COLOURS[0], alpha=0.3 + 0.7 * age, linewidth=1.4, zorder=3,
+    )  # fmt: skip

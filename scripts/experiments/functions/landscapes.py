@@ -6,24 +6,21 @@ from argparse import ArgumentParser, Namespace
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.patches import Ellipse
 
 from dpsearch.files import versions
 from dpsearch.report.document import Document
-from dpsearch.report.figures import COLOURS, figure
 from dpsearch.report.provenance import machine
 from dpsearch.report.tables import number
 from dpsearch.search import NES
 from dpsearch.search.base import Matrix, Vector
 from dpsearch.search.functions import FUNCTIONS, Function
 from scripts.arguments import at_least
-from scripts.experiments.experiment import Illustration
+from scripts.experiments.experiment import Illustration, no_options
+from scripts.experiments.functions.figures import draw_search
 
 RASTRIGIN = FUNCTIONS["Rastrigin"]
-STDS = 0.5  # the ellipses of figure 4.4
+STDS = 0.5  # standard deviations that the ellipses of figure 4.4 show
 START = (-3.0, 2.0)
-DRAWN = 12  # of all search distributions, as many as one can tell apart
 
 
 def table_4_1(args: Namespace, how: str) -> Document:
@@ -80,9 +77,7 @@ def fig_4_4(args: Namespace, how: str) -> Document:
         search.tell(points, -RASTRIGIN(points))
         told.append(points)
         course.append((search.mean, search.factor, search.evaluations))
-    path = args.out / "fig_4_4.png"
-    with figure(path, [1.0], size=(6.6, 6.2)) as panels:
-        _draw(panels[0, 0], course)
+    draw_search(RASTRIGIN, course, STDS, args.out / "fig_4_4.png")
     end = f"{'reached' if 'target' in search.stop() else 'stopped without'} a cost of {RASTRIGIN.target}"
     ellipses = [
         {"generation": k, "evaluations": evaluations, "mean": _short(mean), "covariance": _short(factor @ factor.T)}
@@ -107,43 +102,11 @@ def _short(values: Matrix) -> Any:
     return np.vectorize(lambda value: float(f"{value:.4g}"))(values).tolist()
 
 
-def _draw(axes: Axes, course: list[tuple[Vector, Matrix, int]]) -> None:
-    low, high = np.array([-4.0, -1.5]), np.array([1.5, 4.0])
-    x, y = (np.linspace(low[k], high[k], 400) for k in range(2))
-    landscape = RASTRIGIN(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(len(y), len(x))
-    axes.contourf(x, y, landscape, levels=14, cmap="Greys", alpha=0.55)
-    ordered = np.linspace(0.0, 1.0, len(course))
-    for k in np.unique(np.linspace(0, len(course) - 1, DRAWN).astype(int)):
-        mean, factor, _ = course[k]
-        axes.add_patch(_ellipse(mean, factor, float(ordered[k])))
-    means = np.array([mean for mean, _, _ in course])
-    axes.plot(*means.T, ".-", color=COLOURS[0], linewidth=1.0, markersize=4, zorder=4, label="mean")
-    axes.plot(0, 0, "P", color=COLOURS[1], markersize=10, markeredgecolor="white", zorder=5, label="optimum")
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    axes.grid(visible=False)
-    axes.set_xlabel("$z_1$")
-    axes.set_ylabel("$z_2$")
-    axes.legend(loc="upper right", frameon=True, framealpha=1.0, edgecolor="white")
-
-
-def _ellipse(mean: Vector, factor: Matrix, age: float) -> Ellipse:
-    """Where the points of a distribution are that lie half a standard deviation from its mean."""
-    vectors, lengths, _ = np.linalg.svd(factor)
-    angle = np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0]))
-    width, height = 2.0 * STDS * lengths
-    return Ellipse(
-        (float(mean[0]), float(mean[1])), width, height, angle=angle, fill=False,
-        edgecolor=COLOURS[0], alpha=0.3 + 0.7 * age, linewidth=1.4, zorder=3,
-    )  # fmt: skip
-
-
 def _dimension(parser: ArgumentParser) -> None:
     parser.add_argument("--dimension", type=at_least(2), default=5, help="default: %(default)s")
 
 
 TABLE_4_1 = Illustration("table_4_1", "Table 4.1: twelve functions for black-box search", _dimension, table_4_1)
 FIG_4_4 = Illustration(
-    "fig_4_4", "Figure 4.4: the search distributions of NES on Rastrigin", lambda _: None, fig_4_4, seed=2
+    "fig_4_4", "Figure 4.4: the search distributions of NES on Rastrigin", no_options, fig_4_4, seed=2
 )

@@ -28,8 +28,8 @@ class Searcher(Method):
     """A search and its settings.
 
     Attributes:
-        search: The search's name.
-        options: Its options, given the dimension.
+        search: Name of the search.
+        options: Function that gives the search's options in d dimensions.
         max_evaluations: Evaluations after which a run on a unimodal function has failed.
     """
 

@@ -1,4 +1,4 @@
-"""What others need on the functions of table 4.1, measured with their programs: mean evaluations to the target.
+"""Mean evaluations to the target on the functions of table 4.1, measured with the programs of others.
 
 The functions are rotated and shifted as here; the initial standard deviation is 0.5 rather than 1. The thesis itself
 shows curves only. Where not all runs reached the target, the mean is over those that did.
@@ -7,6 +7,8 @@ shows curves only. Where not all runs reached the target, the mean is over those
 from __future__ import annotations
 
 from dpsearch.report.tables import Row
+from scripts.experiments.experiment import reported
+from scripts.experiments.learning import EVALUATIONS
 
 CMA = "reported: cma 4.5"
 XNES = "reported: xNES, its authors' settings"
@@ -15,7 +17,7 @@ NES = "reported: NES's authors' implementation, to 1e-6"
 
 FUNCTION_ORDER = ("Sphere", "Schwefel", "Tablet", "DiffPow", "Ellipsoid", "Cigar", "SharpR", "ParabR")
 # By dimension and source, in this order; None where nothing is reported
-EVALUATIONS: dict[int, dict[str, tuple[int | None, ...]]] = {
+MEANS: dict[int, dict[str, tuple[int | None, ...]]] = {
     5: {
         FEM: (3195, 3178, 5073, 2213, 5107, 5318, None, None),
         CMA: (771, 805, 1334, 688, 1497, 1711, 1234, 781),
@@ -31,18 +33,18 @@ EVALUATIONS: dict[int, dict[str, tuple[int | None, ...]]] = {
 SOURCES = {"nes": NES, "fem": FEM, "cmaes": CMA, "xnes": XNES}
 
 
-def reported(task: str, function: str, dimension: int, methods: list[str]) -> list[Row]:
-    """What the programs of these methods need.
+def by_others(task: str, function: str, dimension: int, methods: list[str]) -> list[Row]:
+    """The numbers of others' programs for these methods, as rows of the table.
 
     Args:
-        task: The task's name in tables.
-        function: The function's.
-        dimension: d.
+        task: Name of the task in tables.
+        function: Name of the function.
+        dimension: Dimension d.
         methods: Names of the methods.
     """
     rows = []
     for source in (SOURCES[method] for method in methods if method in SOURCES):
-        values = EVALUATIONS.get(dimension, {}).get(source)
+        values = MEANS.get(dimension, {}).get(source)
         if values is not None and (value := values[FUNCTION_ORDER.index(function)]) is not None:
-            rows.append(Row(task=task, method=source, network="", metric="evaluations").with_report(value, value))
+            rows.append(reported(task, source, EVALUATIONS, value))
     return rows

@@ -1,4 +1,4 @@
-"""One search on one of the functions of table 4.1, and what is kept of it.
+"""One search on one of the functions of table 4.1, and the numbers that are kept of it.
 
 Seed k is the same problem for all methods: the same rotation and shift of the function, and the same start.
 """
@@ -32,10 +32,10 @@ class Problem:
     """A function to be minimised, and the search that does it. Hashable, so that it can be a recipe.
 
     Attributes:
-        function: Its name.
-        dimension: d.
+        function: Name of the function.
+        dimension: Dimension d.
         search: Name of the search.
-        options: Its options, as pairs.
+        options: Options of the search, as pairs.
         distance: Distance of the start from the optimum, in a uniformly random direction; None for a start
             ~ N(0, I) around the optimum.
         max_evaluations: Evaluations after which the run has failed.
@@ -54,7 +54,7 @@ class Problem:
 
     @property
     def network(self) -> str:
-        """No policy."""
+        """Empty: a search of functions has no policy."""
         return ""
 
     def fingerprint(self) -> str:
@@ -123,10 +123,10 @@ def _level(costs: Vector, unbounded: bool) -> Vector:
 
 @dataclass(frozen=True)
 class Curve:
-    """Best cost over evaluations: the median of many runs, and their quartiles.
+    """Best cost over evaluations: the median of many runs, and the quartiles.
 
     Attributes:
-        evaluations: ``(n,)``.
+        evaluations: ``(n,)`` evaluations.
         median: ``(n,)`` cost.
         low: ``(n,)`` cost of the better quarter.
         high: ``(n,)`` cost of the worse quarter.

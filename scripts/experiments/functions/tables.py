@@ -1,4 +1,4 @@
-"""The functions of table 4.1: figures 4.5, 5.1, 7.1 and 7.2 (unimodal), 4.6, 5.2 and 7.3 (multimodal), and more.
+"""Black-box search on the functions of table 4.1: figures 4.5, 5.1, 7.1, 7.2 (unimodal), 4.6, 5.2, 7.3 (multimodal).
 
 Figures that show the same runs share a log of them, so each run is made once.
 """
@@ -6,8 +6,9 @@ Figures that show the same runs share a log of them, so each run is made once.
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,13 +18,15 @@ from dpsearch.report.cross_tables import Grid
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
 from dpsearch.search.base import Vector
 from dpsearch.search.functions import FUNCTIONS
-from scripts.arguments import at_least, named
+from scripts.arguments import add_choice, at_least_one
 from scripts.experiments.experiment import Cell, Experiment, Results
 from scripts.experiments.functions import methods
 from scripts.experiments.functions.figures import draw_comparison, draw_methods, draw_success, draw_unimodal
+from scripts.experiments.functions.landscapes import FIG_4_4, TABLE_4_1
 from scripts.experiments.functions.methods import METHODS, Searcher
-from scripts.experiments.functions.reported import FUNCTION_ORDER, reported
+from scripts.experiments.functions.reported import FUNCTION_ORDER, by_others
 from scripts.experiments.functions.runs import Problem, minimise, summary
+from scripts.experiments.learning import EVALUATIONS
 
 UNIMODAL = FUNCTION_ORDER
 MULTIMODAL = tuple(name for name, function in FUNCTIONS.items() if not function.unimodal)
@@ -31,14 +34,7 @@ DISTANCES = (0.1, 1.0, 10.0, 100.0, 1000.0)
 MAX_MULTIMODAL = 20_000
 TOLX, TOLX_MULTIMODAL = 1e-10, 1e-5
 FACTOR = "factor"
-WORDS = {SUCCESS_RATE: "solved", "evaluations": "evaluations", FACTOR: "factor"}
-
-Choose = Callable[[str], list[Any]]
-
-
-def dimensions(text: str) -> list[int]:
-    """Dimensions, separated by commas, as a type for argparse."""
-    return sorted({at_least(1)(part) for part in text.split(",")})
+WORDS = {SUCCESS_RATE: "solved", EVALUATIONS: "evaluations", FACTOR: "factor"}
 
 
 def distances(text: str) -> list[float]:
@@ -64,22 +60,21 @@ def add_options(
     """Add the functions' own options.
 
     Args:
-        parser: To this parser.
-        functions: Functions by default.
-        known: Those that may be chosen.
-        searchers: Methods by default.
-        sizes: Dimensions by default.
-        starts: Distances by default; none if they cannot be chosen.
+        parser: The parser that gets them.
+        functions: Default functions.
+        known: Functions that may be chosen.
+        searchers: Default methods.
+        sizes: Default dimensions.
+        starts: Default distances; empty if they cannot be chosen.
     """
 
-    def add(name: str, convert: Choose, default: Sequence[Any], among: Collection[str] = ()) -> None:
-        words = ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in default)
-        of = f"of {', '.join(among)}; " if among else ""
-        parser.add_argument(name, type=convert, default=list(default), metavar="X,..", help=f"{of}default: {words}")
+    def add(option: str, convert: Callable[[str], list[Any]], default: Sequence[float]) -> None:
+        words = ",".join(f"{value:g}" for value in default)
+        parser.add_argument(option, type=convert, default=list(default), metavar="X,..", help=f"default: {words}")
 
-    add("--functions", named({name: name for name in known}), functions, known)
-    add("--methods", named({name: name for name in METHODS}), [searcher.name for searcher in searchers], METHODS)
-    add("--dimensions", dimensions, sizes)
+    add_choice(parser, "--functions", {name: name for name in known}, functions)
+    add_choice(parser, "--methods", {name: name for name in METHODS}, [searcher.name for searcher in searchers])
+    add("--dimensions", at_least_one, sizes)
     if starts:
         add("--distances", distances, starts)
 
@@ -127,21 +122,21 @@ def _cell(function: str, dimension: int, method: Searcher, distance: float | Non
 
 
 def by_dimension(args: Namespace, rows: list[Row]) -> list[Section]:
-    """A section for each dimension, with what others report, and what importance mixing saves if that was measured."""
+    """A section for each dimension, with others' numbers, and what importance mixing saves if that was measured."""
     sections = []
     for dimension in args.dimensions:
         own = []
         for function in args.functions:
             name = task(function, dimension)
             measured = [row for row in rows if row.task == name]
-            own += measured + reported(name, function, dimension, args.methods) + _factor(name, measured)
+            own += measured + by_others(name, function, dimension, args.methods) + _factor(name, measured)
         sections.append(Section(f"d = {dimension}", own))
     return sections
 
 
 def _factor(name: str, rows: list[Row]) -> list[Row]:
     """How many times fewer evaluations NES needs with importance mixing; nothing if no run reaches the target."""
-    found = {row.method: row for row in rows if row.metric == "evaluations"}
+    found = {row.method: row for row in rows if row.metric == EVALUATIONS}
     mixing, fresh = (found.get(method.label) for method in (methods.NES, methods.NES_FRESH))
     if mixing is None or fresh is None or mixing.mean is None or fresh.mean is None:
         return []
@@ -165,7 +160,7 @@ def by_method(args: Namespace, rows: list[Row]) -> list[Section]:
 
 
 def curves(results: Results) -> dict[str, Any]:
-    """The curves, for machines."""
+    """The curves, as the JSON has them."""
     found = []
     for cell, outcomes in zip(results.cells, results.outcomes, strict=True):
         curve = summary(cast(Problem, cell.settings), outcomes)
@@ -221,14 +216,14 @@ def _unimodal(
         text=f"{remark}\n\n{UNTIL}{CURVES if draw is not draw_methods else ''}{SETTINGS}\n\n{NUMBERS}".strip(),
         runs=200,
         statistic="mean",
-        metrics=("evaluations",),
+        metrics=(EVALUATIONS,),
         words=WORDS,
         run=minimise,
         add_options=partial(add_options, functions=functions, known=UNIMODAL, searchers=searchers, sizes=sizes),
         cells=unimodal_cells,
         sections=by_dimension,
         draw=draw,
-        table=partial(Grid, line=_method, column=_function, corner="method"),
+        table=partial(Grid, line=attrgetter("method"), column=_function, corner="method"),
         extra=None if draw is draw_methods else curves,
         log="functions_unimodal",
         batch=10,
@@ -243,7 +238,7 @@ def _multimodal(name: str, title: str, remark: str, searchers: Sequence[Searcher
         text=f"{remark}\n\n{ON_SUCCESS}".strip(),
         runs=200,
         statistic="mean",
-        metrics=("evaluations",),
+        metrics=(EVALUATIONS,),
         words={SUCCESS_RATE: "solved"},
         run=minimise,
         add_options=partial(
@@ -263,10 +258,6 @@ def _function(row: Row) -> str:
     return row.task.partition(", ")[0]
 
 
-def _method(row: Row) -> str:
-    return row.method
-
-
 def _place(row: Row) -> str:
     return row.task.partition(", ")[2]
 
@@ -275,6 +266,8 @@ CORE = (methods.NES, methods.FEM, methods.CMAES)
 EXTRA_RUNS = 50  # of methods beyond the thesis
 
 EXPERIMENTS = (
+    TABLE_4_1,
+    FIG_4_4,
     _unimodal(
         "fig_4_5",
         "Figure 4.5: NES on the unimodal functions",

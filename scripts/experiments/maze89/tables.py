@@ -1,44 +1,28 @@
-"""The 89-state maze: section 3.4.3 and table 7.3, what each part of the best setting brings."""
+"""The 89-state maze: section 3.4.3 and table 7.3; ablations of the best setting; the variance of its gradient."""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
-from contextlib import suppress
-from functools import cache, partial
-from hashlib import sha256
-from time import process_time
-from typing import Any
+from argparse import Namespace
+from collections.abc import Callable
+from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dpsearch.envs.maze89 import Maze89
-from dpsearch.pomdp.solvers.agents import Agent, BeliefAgent, Controller, fully_observed
-from dpsearch.pomdp.solvers.play import play
-from dpsearch.pomdp.solvers.point_based import point_based
-from dpsearch.pomdp.solvers.value_iteration import value_iteration
-from dpsearch.pomdp.task import TabularTask, tabular_task
 from dpsearch.report.tables import Row, Section
-from scripts.arguments import named
-from scripts.experiments.experiment import Cell, Experiment, Method
-from scripts.experiments.jobs import Outcome
-from scripts.experiments.maze89.figures import draw_runs
-from scripts.experiments.pomdps.hand_written import HAND_WRITTEN
+from scripts.arguments import add_choice
+from scripts.experiments.experiment import Cell, Experiment, Method, no_options
+from scripts.experiments.learning import CORE_SECONDS
+from scripts.experiments.maze89 import reported, variance
+from scripts.experiments.maze89.figures import draw_runs, draw_variance
+from scripts.experiments.maze89.runs import AGENTS, ARRIVED, GOAL, MEDIAN, QUANTILE, ROLLOUTS, Yardstick, measure
+from scripts.experiments.sampled_and_greedy import GREEDY, KINDS, SAMPLED, of_both
 from scripts.experiments.training import compose
 
-ROLLOUTS = 1_000  # that judge a policy
-SAMPLED, GREEDY = "sampled", "greedy"
-GOAL, MEDIAN, QUANTILE, ARRIVED = "goal", "median", "quantile_90", "median_arrived"
+TASK = "89-state maze"
 METRICS = {
     GOAL: "goal, %",
     MEDIAN: "median steps",
     ARRIVED: "median of those who arrive",
     QUANTILE: "90% quantile",
 }
-COUNTED = tuple(f"{kind}_{metric}" for kind in (SAMPLED, GREEDY) for metric in METRICS)
-CORE_SECONDS = "core_seconds"
-TASK = "89-state maze"
 
 BEST = Method("rpg_best", "RPG, best setting", ("experiment=maze89_best",))
 THESIS = Method(
@@ -110,146 +94,62 @@ ABLATIONS = {
     )
 }  # fmt: skip
 
-# Section 3.4.3, table 7.3, and what it quotes: percent that reach the goal, and the median of their steps
-THESIS_NUMBERS = {
-    **dict.fromkeys((THESIS.name, TWENTY.name), (95, 58)),
-    **dict.fromkeys((CONSTANT.name, TWENTY_CONSTANT.name), (85, 70)),
-    FEM.name: (72, 92),
-    NES.name: (67, 101),
+IN_THESIS = {  # names of the thesis's numbers
+    **dict.fromkeys((THESIS.name, TWENTY.name), "rpg"),
+    **dict.fromkeys((CONSTANT.name, TWENTY_CONSTANT.name), "rpg_constant"),
+    FEM.name: "fem",
+    NES.name: "nes",
 }
-REPORTED = {
-    "human (Littman et al. 1995)": (100, 29),
-    "RL-LSTM (Bakker 2004)": (94, 61),
-    "linear Q on beliefs, seeded": (84, 33),
-    "SARSA(lambda), memoryless": (77, 73),
-}
+STAGES = (2, 5, 10)  # million steps, after which the variance of the gradient is taken
 
 
-class Yardstick:
-    """What is achieved without learning: settings for a cell of the table.
-
-    Args:
-        name: Which, a key of ``AGENTS``.
-    """
-
-    network = ""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def fingerprint(self) -> str:
-        """Tells it from others."""
-        return sha256(f"maze89 {self._name}".encode()).hexdigest()[:16]
+def with_agents(args: Namespace) -> list[Cell]:
+    """The agents that do not learn, and each method."""
+    agents = [Cell(TASK, Method(name, label), (name,), Yardstick(name)) for name, (label, _) in AGENTS.items()]
+    return [*agents, *by_method(args)]
 
 
-def _random(task: TabularTask) -> Agent:
-    return Controller.random(task.pomdp)
-
-
-def _hand(task: TabularTask) -> Agent:
-    return HAND_WRITTEN["maze89"](task.pomdp)
-
-
-def _belief(task: TabularTask) -> BeliefAgent:
-    return point_based(task.pomdp, rounds=10, beliefs=150, tolerance=1e-4).agent()
-
-
-def _sighted(task: TabularTask) -> Agent:
-    return value_iteration(task.pomdp).controller()
-
-
-AGENTS = {
-    "random": ("random actions", _random),
-    "hand": ("written by hand: goes where the most likely state would", _hand),
-    "belief": ("best use of the belief, the model known (point-based)", _belief),
-    "sighted": ("best for who sees the state", _sighted),
-}
-
-
-def measure(recipe: tuple[str, ...], seed: int) -> Outcome:
-    """Learn, or make the yardstick, and judge what comes out."""
-    if recipe[0] in AGENTS:
-        return _known(recipe[0], seed)
-    settings = compose(recipe)
-    algorithm = settings.algorithm(settings.rollouts(), seed)
-    algorithm.evaluate(1)  # loads the compiled code, or compiles it: that is no part of learning
-    start = process_time()
-    with suppress(FloatingPointError):  # it diverged: the policy is what it is
-        algorithm.learn(total_steps=settings.config.total_steps)
-    outcome: Outcome = {
-        "solved": 1,
-        CORE_SECONDS: process_time() - start,
-        "env_steps": algorithm.env_steps,
-        "episodes": algorithm.episodes,
-    }
-    for kind in (SAMPLED, GREEDY):
-        judged = algorithm.evaluate(ROLLOUTS, deterministic=kind == GREEDY)
-        outcome |= _achieved(kind, judged.returns > 0.0, judged.lengths)
-    return outcome
-
-
-def _known(name: str, seed: int) -> Outcome:
-    start, task = process_time(), Maze89.make_task()
-    if name == "sighted":
-        task = tabular_task(fully_observed(task.pomdp), task.max_episode_steps)
-    played = play(task, AGENTS[name][1](task), 20 * ROLLOUTS, seed)
-    found = _achieved(SAMPLED, played.terminated, played.lengths)
-    return {"solved": 1, CORE_SECONDS: process_time() - start, **found, **{
-        metric.replace(SAMPLED, GREEDY): value for metric, value in found.items()
-    }}  # fmt: skip
-
-
-def _achieved(kind: str, arrived: NDArray[np.bool_], lengths: NDArray[np.int64]) -> dict[str, float]:
-    """What E episodes come to; one that fails counts as longer than all others."""
-    steps = np.where(arrived, lengths, lengths.max() + 1)
-    return {
-        f"{kind}_{GOAL}": 100.0 * float(arrived.mean()),
-        f"{kind}_{MEDIAN}": float(np.median(steps)),
-        f"{kind}_{QUANTILE}": float(np.quantile(steps, 0.9)),
-        f"{kind}_{ARRIVED}": float(np.median(lengths[arrived])) if arrived.any() else float(lengths.max() + 1),
-    }
-
-
-@cache
-def _yardstick_cells() -> tuple[Cell, ...]:
-    return tuple(Cell(TASK, Method(name, label), (name,), Yardstick(name)) for name, (label, _) in AGENTS.items())
-
-
-def _add_options(parser: ArgumentParser, *, methods: dict[str, Method]) -> None:
-    parser.add_argument(
-        "--methods", type=named(methods), default=list(methods.values()), metavar="M,..",
-        help=f"which; default: {','.join(methods)}",
-    )  # fmt: skip
-
-
-def _cell(method: Method) -> Cell:
-    goal, median = THESIS_NUMBERS.get(method.name, (None, None))
-    thesis = {} if goal is None or median is None else {f"{SAMPLED}_{GOAL}": goal, f"{SAMPLED}_{ARRIVED}": median}
-    return Cell(TASK, method, method.overrides, compose(method.overrides), thesis)
-
-
-def _table_cells(args: Namespace) -> list[Cell]:
-    return [*_yardstick_cells(), *map(_cell, args.methods)]
-
-
-def _ablation_cells(args: Namespace) -> list[Cell]:
+def by_method(args: Namespace) -> list[Cell]:
+    """Each method."""
     return [_cell(method) for method in args.methods]
 
 
-def _sections(args: Namespace, rows: list[Row], *, reported: dict[str, tuple[int, int]]) -> list[Section]:
-    theirs = [
-        Row(task=TASK, method=f"reported: {name}", network="", metric=f"{SAMPLED}_{metric}").with_report(value, value)
-        for name, values in reported.items()
-        for metric, value in zip((GOAL, ARRIVED), values, strict=True)
+def _cell(method: Method) -> Cell:
+    thesis = reported.thesis(IN_THESIS[method.name]) if method.name in IN_THESIS else {}
+    return Cell(TASK, method, method.overrides, compose(method.overrides), thesis)
+
+
+def by_stage(args: Namespace) -> list[Cell]:
+    """The best setting, stopped at each stage."""
+    stages = [
+        Method(f"after_{stage}", f"after {stage} million steps", (*BEST.overrides, f"total_steps={stage}_000_000"))
+        for stage in STAGES
     ]
-    seconds = [row for row in rows if row.metric == CORE_SECONDS]
-    by_kind = {kind: [row for row in rows if row.metric.startswith(kind)] for kind in (SAMPLED, GREEDY)}
-    known = {label for label, _ in AGENTS.values()}
+    return [_cell(stage) for stage in stages]
+
+
+def judged(args: Namespace, rows: list[Row]) -> list[Section]:
+    """A section for sampled actions, one for the most likely ones, and one for the time."""
+    by_kind = {kind: [row for row in rows if row.metric.startswith(kind)] for kind in KINDS}
+    agents = {label for label, _ in AGENTS.values()}
     return [
-        Section("As trained, with sampled actions", [*by_kind[SAMPLED], *theirs]),
-        Section("With the most likely actions", [row for row in by_kind[GREEDY] if row.method not in known]),
-        Section("Core-seconds of a run", [row for row in seconds if row.method not in known]),
+        Section("As trained, with sampled actions", by_kind[SAMPLED]),
+        Section("With the most likely actions", [row for row in by_kind[GREEDY] if row.method not in agents]),
+        Section(
+            "Core-seconds of a run", [row for row in rows if row.metric == CORE_SECONDS and row.method not in agents]
+        ),
     ]
+
+
+def judged_beside_others(args: Namespace, rows: list[Row]) -> list[Section]:
+    """Sections as of ``judged``, with numbers that others report beside the sampled policies."""
+    sampled, *rest = judged(args, rows)
+    return [Section(sampled.heading, [*sampled.rows, *reported.others(TASK)]), *rest]
+
+
+def of_variance(args: Namespace, rows: list[Row]) -> list[Section]:
+    """A section of variances alone."""
+    return [Section("Variance of the gradient", [row for row in rows if row.metric in variance.WORDS])]
 
 
 WORDS = (
@@ -265,8 +165,9 @@ def _experiment(
     text: str,
     methods: dict[str, Method],
     runs: int,
-    reported: dict[str, tuple[int, int]],
-    **options: Any,
+    cells: Callable[[Namespace], list[Cell]],
+    sections: Callable[[Namespace, list[Row]], list[Section]],
+    fewer: dict[str, int],
 ) -> Experiment:
     return Experiment(
         name=name,
@@ -274,21 +175,38 @@ def _experiment(
         text=f"{text} {WORDS}",
         runs=runs,
         statistic="mean",
-        metrics=(*COUNTED, CORE_SECONDS),
-        words={**{f"{kind}_{m}": words for kind in (SAMPLED, GREEDY) for m, words in METRICS.items()},
+        metrics=(*of_both(list(METRICS)), CORE_SECONDS),
+        words={**{f"{kind}_{metric}": words for kind in KINDS for metric, words in METRICS.items()},
                CORE_SECONDS: "core-seconds"},
         run=measure,
-        add_options=partial(_add_options, methods=methods),
-        sections=partial(_sections, reported=reported),
+        add_options=partial(add_choice, option="--methods", known=methods),
+        cells=cells,
+        sections=sections,
         draw=draw_runs,
         log="maze89",
-        **options,
+        fewer=fewer,
     )  # fmt: skip
 
 
-def _all(names: Sequence[str]) -> dict[str, int]:
-    return dict.fromkeys(names, 1)
-
+MAZE89_VARIANCE = Experiment(
+    name="maze89_variance",
+    title="The 89-state maze: what baselines do to the variance of the gradient",
+    text=(
+        f"RPG in its best setting, after some steps of learning. Then {variance.BATCHES} further batches "
+        "of 50 episodes were played, and the gradient of each estimated with R_t alone, with R_t less the mean of all "
+        "R_t, and with R_t less what the history baseline expected. Numbers are ratios of the variance, summed over "
+        "all weights: mean over runs with the 95% bootstrap interval."
+    ),
+    runs=5,
+    statistic="mean",
+    metrics=tuple(variance.WORDS),
+    words=variance.WORDS,
+    run=variance.measure,
+    add_options=no_options,
+    cells=by_stage,
+    sections=of_variance,
+    draw=draw_variance,
+)
 
 EXPERIMENTS = (
     _experiment(
@@ -303,9 +221,9 @@ EXPERIMENTS = (
         "times. Other work ran beside most of the runs, which costs them core-seconds.",
         LEARNED,
         20,
-        REPORTED,
-        cells=_table_cells,
-        fewer=_all(list(AGENTS)),
+        with_agents,
+        judged_beside_others,
+        fewer=dict.fromkeys(AGENTS, 1),
     ),
     _experiment(
         "maze89_ablations",
@@ -313,7 +231,9 @@ EXPERIMENTS = (
         "The best setting, stopped after 6 million steps, and the same with one part changed.",
         ABLATIONS,
         5,
-        {},
-        cells=_ablation_cells,
+        by_method,
+        judged,
+        fewer={},
     ),
+    MAZE89_VARIANCE,
 )

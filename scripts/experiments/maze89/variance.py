@@ -1,9 +1,6 @@
-"""What baselines do to the variance of the gradient in the 89-state maze (section 3.3.2)."""
+"""The variance of RPG's gradient in the 89-state maze, with and without baselines (section 3.3.2)."""
 
 from __future__ import annotations
-
-from argparse import Namespace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -12,11 +9,9 @@ from numpy.typing import NDArray
 from dpsearch.algos import RPG
 from dpsearch.algos.baselines.history import HistoryBaseline
 from dpsearch.kernels.philox import stream_key
-from dpsearch.report.figures import COLOURS, figure
-from dpsearch.report.tables import Row, Section
 from dpsearch.rollout import Episodes
-from scripts.experiments.experiment import Cell, Experiment, Method, Results, no_options
 from scripts.experiments.jobs import Outcome
+from scripts.experiments.learning import learn
 from scripts.experiments.training import compose
 
 BATCHES = 100  # of 50 episodes, whose gradients' variance is taken
@@ -27,18 +22,14 @@ WORDS = {
     HISTORY: "history baseline, by none",
     BOTH: "history by constant",
 }
-STAGES = (2, 5, 10)  # million steps
-SETTING = ("experiment=maze89_best",)
 
 
 def measure(overrides: tuple[str, ...], seed: int) -> Outcome:
-    """Learn for a while, then the variance of the gradient at the policy as it is then, with each baseline.
+    """Learn for a while, then compute the variance of the gradient at the policy as it is then, with each baseline.
 
     The variance is the sum of the variances of all components, over batches that nothing has learned from.
     """
-    settings = compose(overrides)
-    algorithm = settings.algorithm(settings.rollouts(), seed)
-    algorithm.learn(total_steps=settings.config.total_steps)
+    algorithm = learn(compose(overrides), seed).algorithm
     assert isinstance(algorithm, RPG)
     assert isinstance(algorithm.baseline, HistoryBaseline)
     key, size = stream_key(seed, PLAYED), algorithm.config.batch_size
@@ -72,52 +63,3 @@ def _gradient(algorithm: RPG, batch: Episodes, weights: NDArray[np.float32]) -> 
     )
     parts = torch.autograd.grad(outputs, policy.free_parameters(), eligibilities)
     return np.concatenate([part.numpy().ravel() for part in parts])
-
-
-def _cells(args: Namespace) -> list[Cell]:
-    cells = []
-    for stage in STAGES:
-        overrides = (*SETTING, f"total_steps={stage}_000_000")
-        method = Method(f"after_{stage}", f"after {stage} million steps", overrides)
-        cells.append(Cell("89-state maze", method, overrides, compose(overrides)))
-    return cells
-
-
-def _sections(args: Namespace, rows: list[Row]) -> list[Section]:
-    return [Section("Variance of the gradient", [row for row in rows if row.metric in WORDS])]
-
-
-def _draw(args: Namespace, results: Results, path: Path) -> None:
-    with figure(path, [1], size=(7.0, 3.2)) as panels:
-        axes = panels[0, 0]
-        for k, name in enumerate((CONSTANT, HISTORY)):
-            for place, outcomes in enumerate(results.outcomes):
-                values = [outcome[name] for outcome in outcomes]
-                axes.plot([place + 0.1 * k] * len(values), values, "o", color=COLOURS[k], alpha=0.6,
-                          label=WORDS[name] if place == 0 else None)  # fmt: skip
-        axes.set_xticks(range(len(results.cells)), [cell.method.label for cell in results.cells])
-        axes.axhline(1.0, color="black", linewidth=0.8)
-        axes.set_ylim(0.0)
-        axes.set_ylabel("variance of the gradient")
-        axes.legend(frameon=False)
-
-
-MAZE89_VARIANCE = Experiment(
-    name="maze89_variance",
-    title="The 89-state maze: what baselines do to the variance of the gradient",
-    text=(
-        f"RPG in its best setting, after some steps of learning. Then {BATCHES} further batches "
-        "of 50 episodes were played, and the gradient of each estimated with R_t alone, with R_t less the mean of all "
-        "R_t, and with R_t less what the history baseline expected. Numbers are ratios of the variance, summed over "
-        "all weights: mean over runs with the 95% bootstrap interval."
-    ),
-    runs=5,
-    statistic="mean",
-    metrics=tuple(WORDS),
-    words=WORDS,
-    run=measure,
-    add_options=no_options,
-    cells=_cells,
-    sections=_sections,
-    draw=_draw,
-)

@@ -1,4 +1,4 @@
-"""How results on pole balancing are drawn."""
+"""The figure of each table of pole balancing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scripts.experiments.experiment import Results
 
 
 def draw_evaluations(args: Namespace, results: Results, path: Path) -> None:
-    """A panel for each task: every run that succeeded, the quartiles, and what the thesis or others report."""
+    """A panel for each task: every run that succeeded, the quartiles, and numbers that are reported."""
     tasks = list(dict.fromkeys(cell.task for cell in results.cells))
     methods = list(dict.fromkeys(row.method for row in results.rows))
     found = {task: {row.method for row in results.rows if row.task == task} for task in tasks}

@@ -1,29 +1,20 @@
-"""Pole balancing by policy gradient: table 3.1."""
+"""Pole balancing by policy gradient: the methods of table 3.1, and how a run ends."""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
-from contextlib import suppress
-from functools import partial
-from time import process_time
 from typing import Any
 
 from dpsearch.algos.base import Algorithm, Metrics
 from dpsearch.envs.poles.env import LONGEST
 from dpsearch.kernels.philox import stream_key
-from dpsearch.report.cross_tables import Grid
-from dpsearch.report.tables import SUCCESS_RATE, Row, Section
 from dpsearch.rollout import make_rollouts
-from scripts.arguments import named
-from scripts.experiments.experiment import Cell, Experiment, Method
+from scripts.experiments.experiment import Method
 from scripts.experiments.jobs import Outcome
-from scripts.experiments.poles.figures import draw_evaluations
-from scripts.experiments.poles.tables import EVALUATIONS, TASKS
+from scripts.experiments.learning import CORE_SECONDS, ENV_STEPS, EVALUATIONS, UPDATES, learn
 from scripts.experiments.training import compose
 
 PROMISING = 500  # mean steps of a batch from which on the policy is put to the test
 TESTS = 7  # purpose of the seed's stream that the tests draw from
-CORE_SECONDS = "core_seconds"
 SETTING = "experiment=poles_rpg"
 SHORT = "total_episodes=10_000"  # for what may never succeed
 
@@ -53,23 +44,17 @@ FAITHFUL = Method(
     ),
 )  # fmt: skip
 METHODS = {method.name: method for method in (MARKOV, RPG, WHITE, FREE, ADAM, FAITHFUL)}
-TRIED_ON = {  # if not on all
+TRIED_ON = {  # methods that are not tried on all tasks
     MARKOV.name: SEEN,
     RPG.name: HIDDEN,
     WHITE.name: (*SEEN, "double_pole_hidden"),
     FREE.name: ("double_pole_hidden",),
 }
-
-THESIS = {  # table 3.1, means and standard deviations of 200 runs, all of which succeeded
-    "single_pole": (756, 227),
-    "single_pole_hidden": (2087, 607),
-    "double_pole": (5218, 1236),
-    "double_pole_hidden": (6139, 1425),
-}
+FEWER = {WHITE.name: 5, FREE.name: 5, ADAM.name: 3, FAITHFUL.name: 1}  # runs of what may never succeed
 
 
 def recipe(method: Method, env: str) -> tuple[str, ...]:
-    """Our setting for a task, with what a method changes in it."""
+    """Our setting for a task, changed as the method says."""
     return (SETTING, *OWN[env], *method.overrides, f"env={env}")
 
 
@@ -79,7 +64,6 @@ def until_balanced(overrides: tuple[str, ...], seed: int) -> Outcome:
     They are put to the test after every batch whose episodes last 500 steps on average; a test counts as an episode.
     """
     settings = compose(overrides)
-    algorithm = settings.algorithm(settings.rollouts(), seed)
     whole = make_rollouts(settings.config.env.id)  # to the task's own limit
     key = stream_key(seed, TESTS)
     tests, balanced = 0, False
@@ -92,83 +76,9 @@ def until_balanced(overrides: tuple[str, ...], seed: int) -> Outcome:
             balanced = bool(played.lengths[0] >= LONGEST)
         return not balanced
 
-    algorithm.evaluate(1)  # loads the compiled code, or compiles it: that is no part of learning
-    start = process_time()
-    with suppress(FloatingPointError):  # it diverged, and has not succeeded
-        algorithm.learn(total_episodes=settings.config.total_episodes, callback=test)
+    run = learn(settings, seed, callback=test)
     return {
         "solved": int(balanced),
-        EVALUATIONS: algorithm.episodes + tests,
-        "env_steps": algorithm.env_steps,
-        "updates": algorithm.updates,
-        CORE_SECONDS: process_time() - start,
+        EVALUATIONS: run.algorithm.episodes + tests,
+        **run.counts(ENV_STEPS, UPDATES, CORE_SECONDS),
     }
-
-
-def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument(
-        "--methods", type=named(METHODS), default=list(METHODS.values()), metavar="M,..",
-        help=f"which; default: {','.join(METHODS)}",
-    )  # fmt: skip
-
-
-def _cell(method: Method, env: str, task: str) -> Cell:
-    overrides = recipe(method, env)
-    mean, std = THESIS[env]
-    thesis = {EVALUATIONS: mean, f"{EVALUATIONS}_std": std, SUCCESS_RATE: 1.0}
-    return Cell(task, method, overrides, compose(overrides), thesis)
-
-
-def _cells(args: Namespace) -> list[Cell]:
-    return [
-        _cell(method, env, task)
-        for method in args.methods
-        for env, task in TASKS.items()
-        if env in TRIED_ON.get(method.name, TASKS)
-    ]
-
-
-def _sections(args: Namespace, rows: list[Row]) -> list[Section]:
-    return [
-        Section("Episodes until success", [row for row in rows if row.metric != CORE_SECONDS]),
-        Section("Core-seconds of a run that succeeds", [row for row in rows if row.metric == CORE_SECONDS]),
-    ]
-
-
-def _method(row: Row) -> str:
-    return row.method
-
-
-def _task(row: Row) -> str:
-    return row.task
-
-
-TABLE_3_1 = Experiment(
-    name="table_3_1",
-    title="Table 3.1: pole balancing with RPG",
-    text=(
-        "Episodes are cut off after 5,000 steps while learning. When those of a batch last 500 steps on average, the "
-        "policy's mean actions are put to the test: success is to balance for 100,000 steps, and each test counts as "
-        "an episode. Numbers are mean ± standard deviation, with the 95% bootstrap interval, over the runs that "
-        "succeeded; in brackets how many these are, unless all did. Our settings take natural steps and begin again "
-        "from other weights when 300 episodes have not raised the mean return by a twentieth, with two poles and no "
-        "velocities by a tenth. Where the velocities are seen there is no memory, and noise that lasts; else an LSTM, "
-        "with one pole with independent noise and a trace of 0.98 instead of 0.99. With two poles and no velocities "
-        "steps are twice as large (0.02 nats), and damping is 0.03 instead of 0.001: chosen by about 16 starts each of "
-        "a dozen settings, seeds from 2000 on, and then 20 runs, seeds from 3000 on. The other rows change that; "
-        "*little damping* is 0.0001. Runs end after 100,000 episodes as in the thesis, those of the changed settings "
-        "or with the thesis's after 10,000. *As in the thesis*: steps of 0.001 times "
-        "the variance after each episode, momentum 0.9, the mean return of the last 100 episodes for a baseline."
-    ),
-    runs=200,
-    statistic="mean",
-    metrics=(EVALUATIONS, CORE_SECONDS),
-    words={EVALUATIONS: "episodes", SUCCESS_RATE: "solved", CORE_SECONDS: "core-seconds"},
-    run=until_balanced,
-    add_options=_add_options,
-    cells=_cells,
-    sections=_sections,
-    draw=draw_evaluations,
-    table=partial(Grid, line=_method, column=_task, corner="method"),
-    fewer={WHITE.name: 5, FREE.name: 5, ADAM.name: 3, FAITHFUL.name: 1},
-)

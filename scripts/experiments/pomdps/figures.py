@@ -1,4 +1,4 @@
-"""How results on small POMDPs are drawn."""
+"""The figure of each table of small POMDPs."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from argparse import Namespace
 from pathlib import Path
 from typing import cast
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import PercentFormatter
 
-from dpsearch.report.figures import COLOURS, GREY, figure, name_lines
+from dpsearch.report.figures import GREY, figure, name_lines
 from scripts.experiments.experiment import Results
+from scripts.experiments.pomdps.runs import SHARE
+from scripts.experiments.sampled_and_greedy import draw_both
 
 COLUMNS = 3
-LOWEST = -0.1  # what is worse than random is drawn here
+LOWEST = -0.1  # a policy that is much worse than random is drawn here
 
 
 def draw_shares(args: Namespace, results: Results, path: Path) -> None:
@@ -28,20 +29,7 @@ def draw_shares(args: Namespace, results: Results, path: Path) -> None:
             for cell, outcomes in zip(results.cells, results.outcomes, strict=True):
                 if cell.task != task.label:
                     continue
-                place = lines.index(cell.method.label)
-                for kind, at, filled in (("sampled", place - 0.14, True), ("greedy", place + 0.2, False)):
-                    shares = np.array([outcome[f"{kind}_share"] for outcome in outcomes])
-                    colour = COLOURS[place % len(COLOURS)] if filled else GREY
-                    drawn = np.maximum(shares, LOWEST)
-                    axes.plot(drawn, np.full(len(drawn), at), "|", color=colour, alpha=0.5, markersize=6)
-                    axes.plot(
-                        max(shares.mean(), LOWEST),
-                        at,
-                        "o",
-                        color=colour,
-                        fillstyle="full" if filled else "none",
-                        markersize=5,
-                    )
+                draw_both(axes, lines.index(cell.method.label), outcomes, SHARE, lowest=LOWEST)
             axes.set_title(task.label)
             axes.axvline(1.0, color="black", linewidth=0.8)
             axes.axvline(task.goal, color=GREY, linewidth=0.8, linestyle=":")

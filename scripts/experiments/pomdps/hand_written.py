@@ -35,7 +35,7 @@ def tiger_controller(lead: int = 2) -> Controller:
     """The tiger problem: listens until one side was heard so many times more than the other, and opens the other one.
 
     Args:
-        lead: How many times. 2 is optimal with a discount of 0.75.
+        lead: How many times more. 2 is optimal with a discount of 0.75.
 
     Raises:
         ValueError: If the lead is below 1.

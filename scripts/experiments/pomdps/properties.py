@@ -14,17 +14,10 @@ from dpsearch.pomdp.model import TabularPOMDP
 from dpsearch.report.document import Document
 from dpsearch.report.provenance import machine
 from scripts.experiments.experiment import Illustration, no_options
+from scripts.experiments.pomdps.reported import PROPERTIES
 from scripts.experiments.pomdps.tasks import TASKS
 
 SHOWN = ("shuttle", "cheese", "tiger", "tiger_single", "maze4x3", "tmaze7")
-THESIS = {  # states, actions, observations, noise in observations and in actions
-    "Shuttle docking": (8, 3, 5, True, True),
-    "Cheese maze": (11, 4, 7, False, False),
-    "Tiger": (2, 3, 2, True, False),
-    "4x3 maze": (11, 4, 6, False, True),
-    "T-maze 7": (18, 4, 6, False, False),
-    "89-state maze": (89, 5, 17, True, True),
-}
 TEXT = (
     "Counted from the tables that the environments play. States include those of ended episodes: T-mazes have four, a "
     "tiger that ends the episode two. What is seen before the first action counts as an observation if it is never "
@@ -37,12 +30,12 @@ TEXT = (
 
 @dataclass(frozen=True)
 class Properties:
-    """What there is to count.
+    """Counts of a finite POMDP.
 
     Attributes:
-        states: |S|.
-        actions: |A|.
-        observations: |O|.
+        states: Number of states, |S|.
+        actions: Number of actions, |A|.
+        observations: Number of observations, |O|.
         observation_noise: Whether a state can look different from time to time.
         transition_noise: Whether an action can have several outcomes.
     """
@@ -55,7 +48,7 @@ class Properties:
 
     @classmethod
     def of(cls, pomdp: TabularPOMDP) -> Properties:
-        """Those of a model."""
+        """Count those of a model."""
         return cls(
             pomdp.n_states, pomdp.n_actions, pomdp.n_symbols, _several(pomdp.observations), _several(pomdp.transitions)
         )
@@ -66,14 +59,14 @@ def _several(distributions: Distributions) -> bool:
 
 
 def table_7_1(args: Namespace, how: str) -> Document:
-    """The page."""
+    """Compute the page."""
     head = ["task", "states", "actions", "observations", "noisy observations", "noisy transitions"]
     lines = [head, ["---", *["---:"] * 3, "---", "---"]]
     made = {TASKS[name].label: TASKS[name].task for name in SHOWN} | {"89-state maze": Maze89.make_task}
     found = {label: Properties.of(make().pomdp) for label, make in made.items()}
     for label, properties in found.items():
         ours = tuple(asdict(properties).values())
-        theirs = THESIS.get(label, ours)
+        theirs = PROPERTIES.get(label, ours)
         cells = (
             _word(value) + ("" if value == reported else f" ({_word(reported)})")
             for value, reported in zip(ours, theirs, strict=True)

@@ -31,14 +31,14 @@ class PomdpTask:
     """A task of the tables.
 
     Attributes:
-        name: Short.
-        label: For tables.
-        env: Its config, and the name of its hand-written policy.
+        name: Short name, for the command line and the log of runs.
+        label: Name in tables.
+        env: Name of the environment's config, and of the hand-written policy.
         overrides: Hydra's overrides that choose the variant.
-        task: Makes it.
+        task: Function that makes the task.
         batch: Episodes that LRWR plays in an EM step (section 6.3.6).
-        goal: Part of the way from random to optimal that a run is to go.
-        rollouts: Episodes that judge a policy: more where one tells little of it.
+        goal: Part of the way from random to optimal that counts as reached.
+        rollouts: Episodes that judge a policy: more of them where a single one tells little.
     """
 
     name: str
@@ -99,20 +99,20 @@ SLIPPERY = PomdpTask(
     rollouts=MORE_ROLLOUTS,
 )
 BEHIND = (SINGLE, SLIPPERY, ANYWHERE, _corridor(3, either=True), _corridor(5, either=True), _corridor(7, either=True))
-"""The tasks that the thesis's numbers belong to, where they are others."""
+"""The tasks that the thesis's numbers belong to, where its text describes another."""
 
 TASKS = {task.name: task for task in (*TEXT, *BEHIND)}
 
 
 @dataclass(frozen=True)
 class Yardsticks:
-    """What policies achieve that are not learned.
+    """Metrics of policies that are not learned.
 
     Attributes:
-        random: All actions equally often.
-        hand: Written by hand.
-        optimal: The best for the discounted return.
-        sighted: The best for who sees the state.
+        random: Metrics of taking all actions equally often.
+        hand: Metrics of the policy written by hand.
+        optimal: Metrics of the best policy for the discounted return.
+        sighted: Metrics of the best policy of an agent that sees the state.
     """
 
     random: Metrics

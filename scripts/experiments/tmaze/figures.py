@@ -1,4 +1,4 @@
-"""How the results on the T-maze are drawn."""
+"""The figures of the T-maze."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from matplotlib.ticker import PercentFormatter
 from dpsearch.report.figures import COLOURS, bars, curve, dots, figure, logarithmic
 from dpsearch.report.tables import SUCCESS_RATE, Row
 from scripts.experiments.experiment import Results
-from scripts.experiments.tmaze.reported import CORE_SECONDS, ENV_STEPS, LONGEST, THESIS_RATES, task
+from scripts.experiments.learning import CORE_SECONDS, ENV_STEPS
+from scripts.experiments.tmaze.reported import LONGEST, THESIS_RATES, task
 
 Rows = dict[tuple[str, str, str], Row]  # by task, method and metric
 

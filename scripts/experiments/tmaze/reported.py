@@ -1,4 +1,4 @@
-"""What others report on the T-maze, as they report it, and the names under which it stands in tables.
+"""Numbers that the thesis and others report on the T-maze.
 
 The thesis's text (section 3.4.2) and the caption of its figure 3.4 say up to which corridor each method gets, not after
 how many iterations. The peers' numbers are today's recurrent PPOs with an LSTM of 32 cells, one thread and their own
@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dpsearch.report.tables import SUCCESS_RATE, Row
+from scripts.experiments.learning import CORE_SECONDS, ENV_STEPS
 
-LONGEST = "longest_corridor_solved"
-ENV_STEPS, CORE_SECONDS = "env_steps", "core_seconds"
+LONGEST = "longest_corridor_solved"  # a metric of the table, beside those of a run
 
 Span = tuple[float, float | None]  # from, to; None for no success by then
 
@@ -44,12 +44,12 @@ def task(corridor: int) -> str:
 
 
 def thesis(corridor: int) -> dict[str, float]:
-    """What the thesis says of RPG in this corridor."""
+    """The thesis's success rate of RPG in this corridor, if it names one."""
     return {SUCCESS_RATE: THESIS_RATES[corridor]} if corridor in THESIS_RATES else {}
 
 
 def peers(corridors: list[int]) -> list[Row]:
-    """What the peers need in these corridors."""
+    """The peers' steps and core-seconds in these corridors, as rows of the table."""
     rows = []
     for method, corridor, steps, seconds in PEERS:
         blank = Row(task=task(corridor), method=method, network="LSTM, 32 cells", metric="")

@@ -1,4 +1,4 @@
-"""The T-maze of section 3.4.2: figure 3.4, and two settings that go beyond it."""
+"""The T-maze of section 3.4.2: figure 3.4, and two settings that go beyond it (``tmaze_fast``, ``tmaze_long``)."""
 
 from __future__ import annotations
 
@@ -8,35 +8,28 @@ from functools import partial
 from itertools import takewhile
 
 from dpsearch.report.tables import SUCCESS_RATE, Row, Section
-from scripts.arguments import at_least, named
+from scripts.arguments import add_choice, at_least, at_least_one
 from scripts.experiments.experiment import Cell, Experiment, Method
+from scripts.experiments.learning import CORE_SECONDS, ENV_STEPS, EPISODES, UPDATES, until_goals, until_solved
 from scripts.experiments.tmaze.figures import draw_corridors, draw_long, draw_peers
-from scripts.experiments.tmaze.reported import (
-    CORE_SECONDS,
-    ENV_STEPS,
-    LONGEST,
-    RELIABLE,
-    THESIS_LONGEST,
-    peers,
-    task,
-    thesis,
-)
-from scripts.experiments.training import compose, until_goals, until_solved
+from scripts.experiments.tmaze.reported import LONGEST, RELIABLE, THESIS_LONGEST, peers, task, thesis
+from scripts.experiments.training import compose
 
 LSTM = Method("lstm", "RPG", ("algo=rpg", "env=tmaze"))
 ELMAN = Method("elman", "RPG, Elman network", ("algo=rpg", "env=tmaze", "policy.core=rnn"))
 FAST = Method("tmaze_fast", "RPG, tmaze_fast", ("experiment=tmaze_fast",))
 LONG = Method("tmaze_long", "RPG, tmaze_long", ("experiment=tmaze_long",))
+METHODS = {method.name: method for method in (LSTM, ELMAN, FAST, LONG)}
 
 WORDS = {
     LONGEST: "longest N solved reliably",
     SUCCESS_RATE: "solved",
     ENV_STEPS: "environment steps",
-    "episodes": "episodes",
-    "updates": "updates",
+    EPISODES: "episodes",
+    UPDATES: "updates",
     CORE_SECONDS: "core-seconds",
 }
-METRICS = (ENV_STEPS, "episodes", "updates", CORE_SECONDS)
+METRICS = (ENV_STEPS, EPISODES, UPDATES, CORE_SECONDS)
 
 
 def add_options(
@@ -45,24 +38,16 @@ def add_options(
     """Add the T-maze's own options.
 
     Args:
-        parser: To this parser.
+        parser: The parser that gets them.
         corridors: Default corridor lengths.
         methods: Methods run by default.
         limit: Default limit of a run, in environment steps; None leaves it to the configuration.
     """
-    known = {method.name: method for method in (LSTM, ELMAN, FAST, LONG)}
-
-    def lengths(text: str) -> list[int]:
-        return sorted({at_least(1)(part) for part in text.split(",")})
-
-    defaults = ",".join(map(str, corridors)), ",".join(method.name for method in methods)
     parser.add_argument(
-        "--corridors", type=lengths, default=list(corridors), metavar="N,..", help=f"default: {defaults[0]}"
-    )
-    parser.add_argument(
-        "--methods", type=named(known), default=list(methods), metavar="M,..",
-        help=f"of {', '.join(known)}; default: {defaults[1]}",
+        "--corridors", type=at_least_one, default=list(corridors), metavar="N,..",
+        help=f"default: {','.join(map(str, corridors))}",
     )  # fmt: skip
+    add_choice(parser, "--methods", METHODS, [method.name for method in methods])
     parser.add_argument(
         "--step-limit", type=at_least(1), default=limit, metavar="STEPS",
         help=f"steps after which a run has failed; default: {limit or 'the configuration says'}",
@@ -166,3 +151,5 @@ TMAZE_LONG = Experiment(
     sections=with_longest,
     draw=draw_long,
 )
+
+EXPERIMENTS = (FIG_3_4, TMAZE_FAST, TMAZE_LONG)

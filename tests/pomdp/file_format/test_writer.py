@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dpsearch.envs.cheese_maze import CheeseMaze
 from dpsearch.envs.maze4x3 import Maze4x3
@@ -180,19 +181,24 @@ def test_names_that_are_no_words_become_words(path: Path) -> None:
     assert "\nstates: a-b a-b-1 nT n3 n a-b-5\n" in path.read_text()
 
 
-def test_what_could_not_be_read_is_not_written(path: Path) -> None:
-    many = 100_001
-    model = TabularPOMDP.from_entries(
+def one_state(observations: Distributions, features: NDArray[Any]) -> TabularPOMDP:
+    """A model with one state and one action, in which only the observations matter."""
+    return TabularPOMDP.from_entries(
         shape=(1, 1),
         start=[1],
         states=0,
         actions=0,
         next_states=0,
-        observations=Distributions(np.array([0, 1]), np.array([0]), np.ones(1), many),
+        observations=observations,
         observation_row=0,
         first_observation_row=0,
-        features=np.zeros((many, 1)),
+        features=features,
     )
+
+
+def test_what_could_not_be_read_is_not_written(path: Path) -> None:
+    many = 100_001
+    model = one_state(Distributions(np.array([0, 1]), np.array([0]), np.ones(1), many), np.zeros((many, 1)))
     with pytest.raises(ValueError, match=r"the model has 100,001 observations: a \.POMDP file may have 100,000"):
         write_pomdp_file(model, path)
     assert not path.exists()
@@ -203,18 +209,7 @@ def test_what_could_not_be_read_is_not_written(path: Path) -> None:
 
 def test_many_symbols_need_not_be_as_many_inputs(path: Path) -> None:
     many = 5000
-    model = TabularPOMDP.from_entries(
-        shape=(1, 1),
-        start=[1],
-        states=0,
-        actions=0,
-        next_states=0,
-        observations=Distributions.from_dense(np.eye(1, many)),
-        observation_row=0,
-        first_observation_row=0,
-        features=np.arange(many)[:, None],
-    )
-    assert_survives(model, path)
+    assert_survives(one_state(Distributions.from_dense(np.eye(1, many)), np.arange(many)[:, None]), path)
 
 
 def test_a_file_that_cannot_be_written_says_so(tmp_path: Path) -> None:

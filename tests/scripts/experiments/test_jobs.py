@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from scripts.experiments.jobs import Job, RunLog, batches, run_all
-from scripts.experiments.training import until_solved
+from scripts.experiments.learning import until_solved
 
 
 def work(overrides: tuple[str, ...], seed: int) -> dict[str, float]:

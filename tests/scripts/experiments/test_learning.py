@@ -3,42 +3,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dpsearch.algos import RPG
 from dpsearch.policies import RecurrentPolicy
 from dpsearch.rollout import Episodes, Rollouts, make_rollouts
-from scripts.experiments.training import GoalCounter, compose, until_goals, until_solved
+from scripts.experiments.learning import GoalCounter, learn, until_goals, until_solved
+from scripts.experiments.training import compose
 
 TINY = ("algo=rpg", "env=tmaze", "env.corridor_length=1")
-
-
-def test_the_settings_are_those_of_the_configuration_files() -> None:
-    settings = compose((*TINY, "policy.core=rnn", "algo.batch_size=7"))
-    assert settings.algo == "rpg"
-    assert settings.network == "Elman, 10 units"
-    algorithm = settings.algorithm(settings.rollouts(), seed=5)
-    assert isinstance(algorithm, RPG)
-    assert (algorithm.config.batch_size, algorithm.seed, algorithm.policy.core_type) == (7, 5, "rnn")
-
-
-def test_a_fingerprint_tells_settings_apart_but_not_where_the_run_is_kept() -> None:
-    first = compose(TINY).fingerprint()
-    assert compose((*TINY, "seed=3", "run_dir=elsewhere", "progress=false")).fingerprint() == first
-    others = ("algo.batch_size=7", "policy.core=rnn", "env.encoding=one_hot", "total_steps=9")
-    assert len({first, *(compose((*TINY, other)).fingerprint() for other in others)}) == 5
-
-
-def test_runs_that_were_logged_before_a_setting_existed_are_found() -> None:
-    long = ("algo=rpg", "env=tmaze", "env.corridor_length=10", "total_steps=20000000")
-    assert compose(long).fingerprint() == "7b1cb480862f55aa"
-    assert (
-        compose(
-            (
-                *long,
-                "policy.readout=false",
-            )
-        ).fingerprint()
-        != compose(long).fingerprint()
-    )
 
 
 def test_a_run_ends_when_it_has_solved_the_task() -> None:
@@ -107,3 +77,35 @@ def test_episodes_that_the_step_cap_ended_did_not_reach_the_goal() -> None:
     rollouts, policy = counter([4.0] * 100, terminated=False)
     rollouts.collect(policy, 100, key=0)
     assert not rollouts.succeeds
+
+
+def test_a_run_counts_what_was_played_and_takes_its_time() -> None:
+    run = learn(compose((*TINY, "total_updates=3")), 0)
+    counts = run.counts("updates", "episodes", "evaluations", "env_steps", "core_seconds")
+    assert list(counts) == ["updates", "episodes", "evaluations", "env_steps", "core_seconds"]
+    assert (counts["updates"], counts["episodes"], counts["evaluations"]) == (3, 60, 60)
+    assert counts["env_steps"] >= 120
+    assert counts["core_seconds"] > 0.0
+    assert run.wall_seconds > 0.0
+
+
+def test_a_callback_ends_a_run() -> None:
+    run = learn(compose(TINY), 0, callback=lambda algorithm, metrics: algorithm.updates < 2)
+    assert run.algorithm.updates == 2
+
+
+@pytest.mark.parametrize("warm_up", [True, False])
+def test_warming_up_changes_nothing_that_is_learned(warm_up: bool) -> None:
+    settings = compose((*TINY, "total_updates=2"))
+    algorithm = settings.algorithm(settings.rollouts(), 4)
+    algorithm.learn(total_updates=2)
+    run = learn(settings, 4, warm_up=warm_up)
+    np.testing.assert_array_equal(run.algorithm.policy.vector(), algorithm.policy.vector())
+
+
+def test_a_run_that_diverges_ends_as_it_is() -> None:
+    def diverge(*_: object) -> bool:
+        raise FloatingPointError
+
+    run = learn(compose(TINY), 0, callback=diverge)
+    assert run.algorithm.updates == 1

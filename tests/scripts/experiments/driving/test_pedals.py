@@ -7,17 +7,15 @@ import pytest
 
 from dpsearch.envs.driving.track import Track
 from dpsearch.report.tables import SUCCESS_RATE, Row
-from scripts.experiments.driving.log import NO_LAP
+from scripts.experiments.driving.log import LAP, NO_LAP, WALL
 from scripts.experiments.driving.pedals import (
     BETTER,
     HOURS,
-    LAP,
     NEAR,
-    OFF,
+    OFF_SHARE,
     PEDALS,
     RATIO,
     SIMULATORS,
-    WALL,
     drive_on,
     pedals_cell,
 )
@@ -72,17 +70,17 @@ def searches(laps: list[tuple[float, float]], method: Method) -> list[Row]:
     """The rows of a method for runs with these laps on the embedded track and in TORCS."""
 
     def told(lap: float) -> dict[str, float]:
-        return {LAP: lap, RATIO: lap / 50.0, NEAR: 100.0, OFF: 0.0, HOURS: 1.0, WALL: 2.0}
+        return {LAP: lap, RATIO: lap / 50.0, NEAR: 100.0, OFF_SHARE: 0.0, HOURS: 1.0, WALL: 2.0}
 
     outcomes = [{"solved": 1, "track": told(track), "torcs": told(torcs)} for track, torcs in laps]
     return [row for row in pedals_cell().rows(outcomes, ("settled",), "mean") if row.method == method.label]
 
 
 def test_a_run_without_a_lap_counts_as_such_and_not_as_a_slow_one() -> None:
-    none = {LAP: NO_LAP, RATIO: 36.0, NEAR: 0.0, OFF: 5.0, HOURS: 1.0, WALL: 2.0}
-    good = {LAP: 60.0, RATIO: 1.2, NEAR: 100.0, OFF: 1.0, HOURS: 1.0, WALL: 2.0}
+    none = {LAP: NO_LAP, RATIO: 36.0, NEAR: 0.0, OFF_SHARE: 5.0, HOURS: 1.0, WALL: 2.0}
+    good = {LAP: 60.0, RATIO: 1.2, NEAR: 100.0, OFF_SHARE: 1.0, HOURS: 1.0, WALL: 2.0}
     outcomes = [{"solved": 1, "track": good, "torcs": torcs} for torcs in (good, none)]
     table = pedals_cell().rows(outcomes, (), "mean")
     rows = {row.metric: row for row in table if (row.task, row.method) == (SIMULATORS["torcs"], PEDALS.label)}
     assert (rows[SUCCESS_RATE].solved, rows[SUCCESS_RATE].runs) == (1, 2)
-    assert (rows[LAP].mean, rows[NEAR].mean, rows[OFF].mean) == (60.0, 50.0, 3.0)
+    assert (rows[LAP].mean, rows[NEAR].mean, rows[OFF_SHARE].mean) == (60.0, 50.0, 3.0)

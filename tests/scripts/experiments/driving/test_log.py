@@ -1,29 +1,13 @@
-"""What a drive comes to."""
+"""The metrics of a drive."""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
 from array import array
 
 import numpy as np
 import pytest
 
-from scripts.experiments.driving import tables as driving
 from scripts.experiments.driving.log import NO_LAP, Drive
-from scripts.experiments.driving.search import search_steering
-from scripts.experiments.driving.tables import (
-    CURVE,
-    EXPERIMENTS,
-    FAILS,
-    FOR_GOOD,
-    LAP,
-    OFF,
-    SETTLED,
-    UNSEEN,
-    measure,
-    measure_and_drive_on,
-    measure_until_failure,
-)
 
 LENGTH = 1000.0
 
@@ -73,25 +57,6 @@ def test_circles_are_not_driving() -> None:
     assert book.best_lap == NO_LAP
 
 
-def test_a_drive_until_failure_ends_when_the_policy_fails() -> None:
-    overrides = ("experiment=driving_thesis", "env=track", "total_steps=14_000")  # which does not keep to the road
-    until, on = measure_until_failure(overrides, 0), measure(overrides, 0)
-    assert on["env_steps"] == 14_000
-    assert 9_000 <= until["env_steps"] < 14_000  # no policy fails in its first five minutes
-    assert until[FAILS] == pytest.approx(10.0 + 60.0 * until["env_steps"] / 54_000)
-    assert until[CURVE] == pytest.approx(on[CURVE][: len(until[CURVE]) - 1] + until[CURVE][-1:])
-
-
-def test_what_has_learned_drives_on_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driving, "ONWARDS_STEPS", 9000)
-    overrides = ("experiment=driving_thesis", "env=track", "total_steps=1000")  # a single update: it goes straight on
-    alone, followed = measure(overrides, 0), measure_and_drive_on(overrides, 0)
-    for metric in (SETTLED, FOR_GOOD, OFF, UNSEEN, "env_steps"):
-        assert followed[metric] == alone[metric]
-    assert 70.0 < followed[FAILS] < 80.0  # before the end
-    assert followed[LAP] == NO_LAP
-
-
 def test_a_drive_lasts_until_the_first_minute_in_which_it_fails() -> None:
     def lasting(*off_seconds: float) -> float:
         rows = np.zeros((len(off_seconds), 1800, 5))
@@ -101,13 +66,3 @@ def test_a_drive_lasts_until_the_first_minute_in_which_it_fails() -> None:
 
     assert lasting(0.0, 5.9, 6.0, 0.0) == 180.0
     assert lasting(0.0, 5.9) == 120.0
-
-
-def test_runs_of_a_method_are_made_by_what_it_has_for_them() -> None:
-    parser = ArgumentParser()
-    (experiment,) = EXPERIMENTS
-    experiment.add_options(parser)
-    args = parser.parse_args(["--methods", "rpg,rpg_faster,search", "--simulators", "track"])
-    jobs = [cell.jobs(experiment.run, [3, 4]) for cell in experiment.cells(args)]
-    assert [[job.seed for job in own] for own in jobs] == [[3, 4]] * 3
-    assert [own[0].work for own in jobs] == [measure, measure_until_failure, search_steering]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from scripts.experiments.driving.log import SETTLED
 from scripts.experiments.driving.search import (
     SEARCH,
     TEST_PROFILE,
@@ -13,18 +14,17 @@ from scripts.experiments.driving.search import (
     search_steering,
     searched,
 )
-from scripts.experiments.driving.tables import SETTLED
 from scripts.experiments.training import compose
 
 
 @pytest.mark.parametrize("search", ["cmaes", "xnes"])
 def test_a_search_learns_to_keep_to_the_road_within_half_an_hour_of_driving(search: str) -> None:
     settings = compose((f"algo={search}", "env=track"))
-    algorithm = settings.algorithm(settings.rollouts(), 0)
-    before = driven(algorithm.policy, settings, TEST_PROFILE, TEST_STEPS)
-    keeps_since = searched(algorithm, settings)
-    after = driven(algorithm.policy, settings, TEST_PROFILE, TEST_STEPS)
-    algorithm.close()
+    start = settings.algorithm(settings.rollouts(), 0)
+    before = driven(start.policy, settings, TEST_PROFILE, TEST_STEPS)
+    start.close()
+    run, keeps_since = searched(settings, 0)
+    after = driven(run.algorithm.policy, settings, TEST_PROFILE, TEST_STEPS)
     assert before.off_road.any()
     assert not after.off_road.any()
     assert 0.0 < keeps_since < 1800.0

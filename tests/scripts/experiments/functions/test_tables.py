@@ -1,5 +1,4 @@
 import json
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -7,23 +6,15 @@ import pytest
 
 from dpsearch.report.tables import SUCCESS_RATE
 from scripts import reproduce
-from scripts.experiments.jobs import Batch, Outcome, run_batch
+from tests.support.runs_here import make_runs_here
 
 QUICK = ["--jobs", "1", "--runs", "2", "--dimensions", "2"]
 
 
 @pytest.fixture(autouse=True)
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Make runs in this process; the tasks and methods of all that were made."""
-    names: list[str] = []
-
-    def one_by_one(todo: Iterable[Batch], processes: int) -> Iterator[tuple[Batch, list[Outcome]]]:
-        for batch in todo:
-            names.extend(f"{job.task}: {job.method}" for job in batch)
-            yield batch, run_batch(batch)
-
-    monkeypatch.setattr(reproduce, "run_all", one_by_one)
-    return names
+    """Runs are made in this process; the tasks and methods of all that were made."""
+    return make_runs_here(monkeypatch)
 
 
 def content(out: Path, name: str) -> dict[str, Any]:
@@ -103,26 +94,3 @@ def test_methods_beyond_the_thesis_have_fewer_runs(tmp_path: Path, made: list[st
     options = ["--jobs", "1", "--runs", "3", "--dimensions", "2", "--functions", "Sphere", "--methods", "cmaes,xnes"]
     reproduce.main(["functions", *options, "--fewer", "xnes=1", "--out", str(tmp_path)])
     assert sorted(made) == ["Sphere, d = 2: cmaes"] * 3 + ["Sphere, d = 2: xnes"]
-
-
-def test_table_4_1_has_all_functions(tmp_path: Path) -> None:
-    reproduce.main(["table_4_1", "--out", str(tmp_path)])
-    rows = {row["name"]: row for row in content(tmp_path, "table_4_1")["rows"]}
-    assert len(rows) == 12
-    assert rows["Ellipsoid"]["costs"]["e_d"] == pytest.approx(1e6)
-    assert (rows["SharpR"]["least"], rows["SharpR"]["target"]) == (None, -1000.0)
-    assert rows["Sphere"]["cost"] == "sum z_j^2"
-    lines = (tmp_path / "table_4_1.md").read_text().splitlines()
-    assert {line.replace(r"\|", "").count("|") for line in lines if line.startswith("|")} == {10}
-    assert not (tmp_path / "table_4_1.png").exists()
-
-
-def test_figure_4_4_shows_a_search_that_reaches_the_optimum(tmp_path: Path) -> None:
-    reproduce.main(["fig_4_4", "--out", str(tmp_path)])
-    found = content(tmp_path, "fig_4_4")
-    first, last = found["ellipses"][0], found["ellipses"][-1]
-    assert first["covariance"] == [[1.0, 0.0], [0.0, 1.0]]
-    assert found["best"] <= 0.01
-    assert max(abs(value) for value in last["mean"]) < 0.5
-    assert f"reached a cost of 0.01 after {last['generation']} generations" in (tmp_path / "fig_4_4.md").read_text()
-    assert (tmp_path / "fig_4_4.png").exists()
