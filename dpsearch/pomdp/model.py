@@ -156,27 +156,11 @@ class TabularPOMDP:
         _require_range("terminal", ended, n_states)
         over = np.zeros(n_states, np.bool_)
         over[ended] = True
-        numbers = (np.asarray(array, np.int64) for array in (states, actions, next_states))
-        state, action, following, probability, reward = (
-            array.ravel() for array in np.broadcast_arrays(*numbers, probabilities, rewards)
-        )
-        _require_range("states", state, n_states)
-        _require_range("actions", action, n_actions)
-        keep = ~over[state]
-        ends = np.repeat(np.flatnonzero(over), n_actions)
-        row = np.concatenate([(state * n_actions + action)[keep], ends * n_actions + np.arange(len(ends)) % n_actions])
-        probability = np.append(probability[keep], np.ones(len(ends)))
-        order = by_row(row, probability)
-        transitions = Distributions(
-            row_starts(row[order], n_states * n_actions),
-            np.append(following[keep], ends)[order],
-            probability[order].astype(np.float64),
-            n_states,
-        )
+        transitions, paid = _moves(shape, over, (states, actions, next_states), probabilities, rewards)
         return cls(
             start=Distributions.from_dense(start),
             transitions=transitions,
-            rewards=np.append(reward[keep], np.zeros(len(ends)))[order].astype(np.float64),
+            rewards=paid,
             observations=observations,
             observation_row=_table(observation_row, (n_states, n_actions)),
             first_observation_row=_table(first_observation_row, (n_states,)),
@@ -232,11 +216,8 @@ class TabularPOMDP:
         n_symbols = seen.shape[2]
         values = np.eye(n_symbols) if features is None else np.asarray(features, np.float64)
         if first_observation is None:
-            seen = np.pad(seen, ((0, 0), (0, 0), (0, 1)))
-            values = np.append(values, np.zeros((1, *values.shape[1:])), axis=0)
-            first = np.eye(n_symbols + 1)[[n_symbols] * n_states]
-            if observation_names:
-                observation_names = (*observation_names, "nothing")
+            seen, values, first = _with_nothing_seen_first(seen, values)
+            observation_names = (*observation_names, "nothing") if observation_names else ()
         else:
             first = np.broadcast_to(np.asarray(first_observation, np.float64), (n_states, n_symbols))
         by_arrival = seen.transpose(1, 0, 2).reshape(n_states * n_actions, -1)  # row = next state * A + action
@@ -305,6 +286,45 @@ class TabularPOMDP:
         row = self.transitions.row_of_entry()
         chosen = np.flatnonzero(row % self.n_actions == action)
         return row[chosen] // self.n_actions, chosen
+
+
+def _moves(
+    shape: tuple[int, int],
+    over: NDArray[np.bool_],
+    entries: tuple[ArrayLike, ArrayLike, ArrayLike],
+    probabilities: ArrayLike,
+    rewards: ArrayLike,
+) -> tuple[Distributions, NDArray[np.float64]]:
+    """Transitions with the reward of each entry; states that are ``over (S,)`` stay where they are."""
+    n_states, n_actions = shape
+    numbers = (np.asarray(array, np.int64) for array in entries)
+    state, action, following, probability, reward = (
+        array.ravel() for array in np.broadcast_arrays(*numbers, probabilities, rewards)
+    )
+    _require_range("states", state, n_states)
+    _require_range("actions", action, n_actions)
+    keep = ~over[state]
+    ends = np.repeat(np.flatnonzero(over), n_actions)
+    row = np.concatenate([(state * n_actions + action)[keep], ends * n_actions + np.arange(len(ends)) % n_actions])
+    probability = np.append(probability[keep], np.ones(len(ends)))
+    order = by_row(row, probability)
+    transitions = Distributions(
+        row_starts(row[order], n_states * n_actions),
+        np.append(following[keep], ends)[order],
+        probability[order].astype(np.float64),
+        n_states,
+    )
+    return transitions, np.append(reward[keep], np.zeros(len(ends)))[order].astype(np.float64)
+
+
+def _with_nothing_seen_first(
+    seen: NDArray[np.float64], features: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Observations ``(A, S, Z + 1)`` and features with one symbol more, and first observations that are that one."""
+    _, n_states, n_symbols = seen.shape
+    first = np.eye(n_symbols + 1)[[n_symbols] * n_states]
+    features = np.append(features, np.zeros((1, *features.shape[1:])), axis=0)
+    return np.pad(seen, ((0, 0), (0, 0), (0, 1))), features, first
 
 
 def _require_shape(name: str, array: NDArray[np.generic], shape: tuple[int, ...]) -> None:
