@@ -24,7 +24,8 @@ from scripts.experiments.tmaze.reported import (
 from scripts.experiments.training import compose, until_goals, until_solved
 
 LSTM = Method("lstm", "RPG", ("algo=rpg", "env=tmaze"))
-ELMAN = Method("elman", "RPG, Elman network", ("algo=rpg", "env=tmaze", "policy.core=rnn"))
+ELMAN = Method("elman", "RPG, Elman network", ("algo=rpg", "env=tmaze", "policy.core=elman"))
+GRU = Method("gru", "RPG, GRU", ("algo=rpg", "env=tmaze", "policy.core=gru"))
 FAST = Method("tmaze_fast", "RPG, tmaze_fast", ("experiment=tmaze_fast",))
 LONG = Method("tmaze_long", "RPG, tmaze_long", ("experiment=tmaze_long",))
 
@@ -50,7 +51,7 @@ def add_options(
         methods: Methods run by default.
         limit: Default limit of a run, in environment steps; None leaves it to the configuration.
     """
-    known = {method.name: method for method in (LSTM, ELMAN, FAST, LONG)}
+    known = {method.name: method for method in (LSTM, ELMAN, GRU, FAST, LONG)}
 
     def lengths(text: str) -> list[int]:
         return sorted({at_least(1)(part) for part in text.split(",")})
@@ -126,7 +127,7 @@ FIG_3_4 = Experiment(
     metrics=METRICS,
     words=WORDS,
     run=until_solved,
-    add_options=partial(add_options, corridors=tuple(range(10, 101, 10)), methods=(LSTM, ELMAN), limit=20_000_000),
+    add_options=partial(add_options, corridors=tuple(range(10, 101, 10)), methods=(LSTM, ELMAN, GRU), limit=20_000_000),
     cells=cells,
     sections=with_longest,
     draw=draw_corridors,
