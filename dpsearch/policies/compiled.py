@@ -114,8 +114,7 @@ def _order(core: Core, outputs: int, has_readout: bool, noise: int) -> NDArray[n
     Without a read-out, its matrix is the identity and its bias 0, made of the constants. With noise that lasts, the
     read-out has columns for it, which add to the means the part that is left, and rows that give just that part.
     """
-    places = core.places()
-    n, biases, first = core.units, int(core.bias is not None), sum(part.size for part in places.values())
+    n, biases, first = core.units, int(core.bias is not None), sum(part.size for part in core.places().values())
     if has_readout:
         weight, zero = first + np.arange(outputs * n).reshape(outputs, n), first + outputs * (n + biases)
         readout = np.hstack([weight, np.arange(first + outputs * n, zero).reshape(outputs, biases)])
@@ -127,7 +126,7 @@ def _order(core: Core, outputs: int, has_readout: bool, noise: int) -> NDArray[n
         left[rows, rows] = left[outputs + rows, rows] = memory
         last = np.pad(readout, ((0, noise), (0, 0)), constant_values=zero)
         readout = np.hstack([last[:, :n], left, last[:, n:]])
-    return np.concatenate([*core.packed(places), readout], axis=None)
+    return np.concatenate([*core.packed(), readout], axis=None)
 
 
 @on_demand()

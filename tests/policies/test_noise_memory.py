@@ -136,7 +136,7 @@ def test_a_stream_in_pieces_is_played_as_one() -> None:
 
 @pytest.mark.parametrize("memory", [-0.1, 1.0, float("nan")])
 def test_a_memory_that_is_no_part_is_refused(memory: float) -> None:
-    with pytest.raises(ValueError, match="noise_memory must be 0, or below 1"):
+    with pytest.raises(ValueError, match="noise_memory must be at least 0 and below 1"):
         RecurrentPolicy(3, Gaussian(1), PolicyConfig(noise_memory=memory))
 
 

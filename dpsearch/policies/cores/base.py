@@ -1,14 +1,14 @@
-"""What a core is: the part of a policy that turns its history into features, once in torch and once compiled.
+"""The base class of cores: the part of a policy that turns its history into features, in torch and compiled.
 
-The two must agree to rounding, so they stand side by side in one file for each core. A new core is a new file and an
-entry in ``CORES``.
+The two twins must agree to rounding, so they stand side by side in one file for each core. A new core is a new file and
+an entry in ``CORES``.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -114,10 +114,6 @@ class Core(nn.Module, ABC):
             first += parameter.numel()
         return found
 
-    def packed(self, places: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
-        """The matrices that ``step`` reads, one after the other, made of parameters: here (W_ih, W_hh, bias).
-
-        Args:
-            places: Parameters by name, or anything of their shapes.
-        """
-        return [np.hstack([part.reshape(len(part), -1) for part in places.values()])]
+    def packed(self) -> list[NDArray[np.intp]]:
+        """The matrices that ``step`` reads, one after the other, as places in the vector: here (W_ih, W_hh, bias)."""
+        return [np.hstack([part.reshape(len(part), -1) for part in self.places().values()])]

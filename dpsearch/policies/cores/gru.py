@@ -10,8 +10,7 @@ second bias vector.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -83,9 +82,12 @@ class GRU(Core):
         return torch.nn.functional.pad(self.bias_hn, (2 * self.units, 0))
 
     @override
-    def packed(self, places: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
-        n, rows = self.units, len(places["weight_ih"])
-        bias = places["bias"][:, None] if "bias" in places else np.empty((rows, 0), np.intp)
-        bias_hn = places["bias_hn"][:, None] if "bias_hn" in places else np.empty((n, 0), np.intp)
-        old, fresh = places["weight_hh"], np.hstack([bias, places["weight_ih"]])
-        return [np.hstack([old, fresh])[: 2 * n], fresh[2 * n :], np.hstack([old[2 * n :], bias_hn])]
+    def packed(self) -> list[NDArray[np.intp]]:
+        places, n = self.places(), 2 * self.units  # the gates have the first n rows
+        old, fresh = places["weight_hh"], places["weight_ih"]
+        if self.bias is not None:
+            fresh = np.column_stack([places["bias"], fresh])
+        gates, new, remembered = np.hstack([old, fresh])[:n], fresh[n:], old[n:]
+        if self.bias is not None:
+            remembered = np.column_stack([remembered, places["bias_hn"]])
+        return [gates, new, remembered]

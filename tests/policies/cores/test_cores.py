@@ -14,7 +14,6 @@ from dpsearch.policies import CORES, Categorical, Core, Gaussian, PolicyConfig, 
 
 INPUTS, UNITS = 3, 5
 LAYERS = {"lstm": nn.LSTM, "gru": nn.GRU, "elman": nn.RNN}
-RECURRENT = [name for name, kind in CORES.items() if kind.states]
 
 
 def random_core(name: str, bias: bool) -> Core:
@@ -37,7 +36,7 @@ def layer_of(name: str, core: Core) -> nn.LSTM | nn.GRU | nn.RNN:
     return layer
 
 
-@pytest.mark.parametrize("name", RECURRENT)
+@pytest.mark.parametrize("name", LAYERS)
 @pytest.mark.parametrize("bias", [True, False])
 def test_a_recurrent_core_is_the_layer_of_torch(name: str, bias: bool) -> None:
     core = random_core(name, bias)
@@ -50,7 +49,7 @@ def test_a_recurrent_core_is_the_layer_of_torch(name: str, bias: bool) -> None:
         torch.testing.assert_close(torch.cat(after), torch.cat(last) if name == "lstm" else last)
 
 
-@pytest.mark.parametrize("name", RECURRENT)
+@pytest.mark.parametrize("name", LAYERS)
 def test_its_gradient_is_that_of_the_layer_of_torch(name: str) -> None:
     core = random_core(name, bias=True)
     layer = layer_of(name, core)
