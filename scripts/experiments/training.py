@@ -85,8 +85,7 @@ class Settings:
     def network(self) -> str:
         """The policy's architecture, in words."""
         policy = self.config.policy
-        cores = {"lstm": "LSTM, {} cells", "rnn": "Elman, {} units", "none": "no memory, {} units"}
-        return cores[policy.core].format(policy.hidden_size)
+        return CORES[policy.core].words.format(policy.hidden_size)
 
     def rollouts(self) -> Rollouts:
         """What plays the environment."""
