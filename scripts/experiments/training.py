@@ -19,6 +19,7 @@ from typing_extensions import override
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
+from dpsearch.policies import CORES
 from dpsearch.rollout import Episodes, Rollouts
 from scripts.experiments.jobs import Outcome
 
