@@ -182,7 +182,7 @@ def test_a_wrong_option_is_refused(evaluate: Evaluate, arguments: tuple[object, 
 
 def test_a_saved_policy_acts_as_before(tmp_path: Path) -> None:
     recipe = EnvRecipe("CartPole-v1", observe_only=[0, 2])
-    rpg = RPG(recipe.rollouts(), policy=PolicyConfig(core="rnn", hidden_size=3), seed=5)
+    rpg = RPG(recipe.rollouts(), policy=PolicyConfig(core="elman", hidden_size=3), seed=5)
     save_policy(tmp_path / "policy.pt", rpg, recipe)
     policy, loaded = load_policy(tmp_path / "policy.pt")
     assert loaded == recipe

@@ -1,4 +1,4 @@
-"""Episodes of like length are run together, so that a few long ones do not make all others pay for padding."""
+"""Running episodes of similar length together, so that a few long ones do not make all others pay for padding."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 STEP_COST, CALL_COST = 12, 700
-"""What one more time step, and one more call, cost a fused ``nn.LSTM``, in columns of one step (measured, 10 cells)."""
+"""Cost of one more time step, and of one more call, of a fused LSTM, in columns of one step (measured, 10 cells)."""
 WORTH_IT = 0.85
-"""A split must bring the cost down to this part of what it was."""
+"""Episodes are split into two groups only if that brings the cost down to this part."""
 
 
 def buckets(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Indices ``(B,)`` of episodes in groups of like length, the longest first; one group if splitting does not pay.
+    """Group episodes of similar length; one group if splitting does not pay.
 
     Args:
         lengths: Steps of each episode, ``(B,)``.
+
+    Returns:
+        Indices of the episodes of each group, the longest episode first; together they are all B.
     """
     if lengths.min() == lengths.max():
         return [np.arange(len(lengths))]
@@ -28,6 +31,7 @@ def buckets(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def _split(order: NDArray[np.int64], falling: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Split episodes, given by their indices and their falling lengths, at the best place, and each part again."""
     n = len(order)
     if n < 2:
         return [order]
@@ -40,17 +44,17 @@ def _split(order: NDArray[np.int64], falling: NDArray[np.int64]) -> list[NDArray
 
 
 def run_in_buckets(run: Callable[[Tensor], Tensor], inputs: Tensor, lengths: NDArray[np.int64]) -> Tensor:
-    """What a recurrent core makes of episodes of different lengths.
+    """A recurrent core's features of episodes of different lengths, with a call for each group of similar length.
 
     Args:
-        run: The core, from zero states: ``(T, B, I)`` to ``(T, B, H)`` for any T and B.
+        run: Runs the core from zero states: ``(T, B, I)`` to ``(T, B, H)`` for any T and B.
         inputs: ``(T, B, I)``, one episode a column.
         lengths: Steps of each episode, ``(B,)``; the longest has T.
 
     Returns:
-        ``(T, B, H)``; beyond an episode's end either zero or what the core makes of the padding.
+        Features ``(T, B, H)``; beyond an episode's end they are zero, or the core's response to the padding.
     """
-    if lengths.sum() == len(inputs) * len(lengths):  # all alike: short batches are spared the look for groups
+    if lengths.sum() == len(inputs) * len(lengths):  # equal lengths: a short batch is spared the search for groups
         return run(inputs)
     groups = buckets(lengths)
     if len(groups) == 1:

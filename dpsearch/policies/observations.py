@@ -1,8 +1,8 @@
 """Observations of any Gymnasium space as a policy's flat numbers.
 
-A space is looked at once, by ``flattener``; what it makes then turns one observation, or a batch of them as vector
-environments give it, into float32 numbers. Values are taken as they are, whatever their dtype: an image may hold
-floats, a position may lie just outside its bounds. A shape that is not the space's is refused, never broadcast.
+``flattener`` looks at a space once and makes a ``Flattener``, which turns one observation, or a vector environment's
+batch of them, into float32 numbers. Values are taken as they are, whatever their dtype: an image may hold floats, a
+position may lie just outside its bounds. A shape other than the space's is refused, never broadcast.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Flattener(ABC):
 
     @abstractmethod
     def batch(self, observations: Any) -> Flat:
-        """The flat form ``(B, O)`` of B observations, laid out as vector environments do.
+        """The flat form ``(B, O)`` of B observations, batched as by Gymnasium's vector environments.
 
         Raises:
             ValueError: If the observations do not have the shape that their space says.
@@ -244,7 +244,7 @@ def _is_one(shape: tuple[int, ...], wanted: tuple[int, ...], name: str) -> bool:
 
 
 def _places(values: NDArray[Any], start: Any, count: Any, name: str) -> NDArray[np.int64]:
-    """Where the ones stand: values, less the first one of their space."""
+    """Places of the ones in one-hot groups: the values, minus the first value of the space."""
     places: NDArray[np.int64] = values.astype(np.int64) - start
     if not (np.equal(values, places + start) & (places >= 0) & (places < count)).all():
         last = np.max(np.asarray(start) + count - 1)

@@ -1,4 +1,4 @@
-"""A policy at work in many environments, with a memory for each: for use, where engines are for learning."""
+"""Acting in many environments step by step, with a memory for each: for use, where engines are for learning."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from dpsearch.policies.policy import RecurrentPolicy
 
 
 class PolicyRunner:
-    """Acts in B environments and keeps the recurrent state of each.
+    """Acts in B environments with one policy and keeps the recurrent state of each.
 
-    It follows its policy: weights that change later change what it does.
+    The policy is not copied: the runner acts by its present weights.
 
     Args:
-        policy: Whose actions to take.
-        num_envs: B.
+        policy: The policy that chooses the actions.
+        num_envs: B, the number of environments.
         seed: Seed of the action noise.
         greedy: Take the most probable action instead of a random one.
 
@@ -36,13 +36,13 @@ class PolicyRunner:
         self._state = torch.zeros(num_envs, policy.state_size)
 
     def act(self, observations: ArrayLike) -> NDArray[Any]:
-        """One step in every environment.
+        """Choose an action in every environment, and go on by one step.
 
         Args:
             observations: ``(B, O)``, flat.
 
         Returns:
-            The head's actions ``(B, action_size)``: whole numbers, or numbers in [-1, 1] units for a Box.
+            Actions ``(B, action_size)``: whole numbers if discrete, else numbers of which [-1, 1] is the Box's range.
 
         Raises:
             ValueError: If the shape is wrong.
@@ -59,10 +59,10 @@ class PolicyRunner:
         return actions.numpy()
 
     def reset(self, mask: ArrayLike | None = None) -> None:
-        """Forget everything where an episode begins.
+        """Set the recurrent state to zero where an episode begins.
 
         Args:
-            mask: ``(B,)``, True in the environments concerned; all of them if None.
+            mask: ``(B,)``, True where an episode begins; everywhere if None.
 
         Raises:
             ValueError: If the mask is not one truth value for each environment.
@@ -74,7 +74,7 @@ class PolicyRunner:
 
     @property
     def state(self) -> NDArray[np.float32]:
-        """The recurrent state, a copy ``(B, state_size)``; it can be set."""
+        """A copy of the recurrent state, ``(B, state_size)``; assigning it sets the state."""
         return self._state.numpy().copy()
 
     @state.setter

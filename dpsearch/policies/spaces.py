@@ -13,7 +13,7 @@ from dpsearch.policies.heads import Categorical, Deterministic, Gaussian, Head
 from dpsearch.policies.observations import UnsupportedSpaceError, one_line
 
 UNBOUNDED = 1e30
-"""A Box whose bounds are at least so far away has none: many environments give the largest float32."""
+"""Bounds of a Box from which on they count as none: many environments give the largest float32 as a bound."""
 
 
 def head_for(space: gym.Space[Any], *, deterministic: bool = False, squash: bool = True) -> Head:
@@ -41,10 +41,17 @@ def head_for(space: gym.Space[Any], *, deterministic: bool = False, squash: bool
 
 
 def to_env_actions(space: gym.Space[Any], actions: NDArray[np.floating]) -> NDArray[Any]:
-    """A policy's actions ``(B, A)`` to what the environments' spaces hold, batched.
+    """Turn a policy's actions into elements of an action space, batched.
 
-    A Box with finite bounds is mapped from [-1, 1] and clipped; one without takes the numbers as they are, and so does
-    one whose bounds are ``UNBOUNDED``.
+    [-1, 1] is mapped onto the bounds of a Box where they are below ``UNBOUNDED``; a dimension without bounds takes the
+    numbers as they are. The result is clipped to the bounds.
+
+    Args:
+        space: Action space of a single environment.
+        actions: ``(B, A)``.
+
+    Raises:
+        UnsupportedSpaceError: If the space is none of Discrete, MultiDiscrete, Box.
     """
     match space:
         case spaces.Discrete():

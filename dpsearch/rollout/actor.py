@@ -21,7 +21,7 @@ class LaneActor:
     """Chooses the actions in L lanes.
 
     Args:
-        policy: The architecture.
+        policy: The policy, for its architecture.
         weights: ``(P,)`` for all lanes, or ``(N, P)``, candidates of which each lane plays one.
         lanes: L.
         key: 64-bit key of the action noise.

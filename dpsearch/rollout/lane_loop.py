@@ -1,9 +1,9 @@
 """The lane engine's inner loop: blocks of episodes in lock-step, refilled from a queue that threads share.
 
-One function, compiled for each kind of weights: one vector for all lanes (``collect``: one policy, many episodes), in
-single or double precision, or those of a different candidate in every lane (``evaluate``: many policies). A lane that
-finishes takes the next job at once. All randomness is keyed by the job's episode number, so which lane or thread plays
-it is of no account.
+One function, compiled on demand for each kind of weights: one vector for all lanes (``collect``: one policy, many
+episodes), in single or double precision, or a different candidate's in every lane (``evaluate``: many policies). A lane
+that finishes takes the next job at once. All randomness is keyed by the job's episode number, so the outcome does not
+depend on which lane or thread plays it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 from numba.extending import overload
 
 from dpsearch.kernels.lanes import (
@@ -19,19 +19,18 @@ from dpsearch.kernels.lanes import (
     FORWARD_LANES,
     FORWARD_SHARED,
     FORWARD_SINGLE,
-    INTS,
     LANES,
     OBSERVE,
     RESET,
     ROWS,
     SAMPLE,
-    SINGLE_ROWS,
     SINGLES,
     STEP,
     WIDTH,
     fetch_add,
     function_at,
 )
+from dpsearch.kernels.on_demand import on_demand
 from dpsearch.kernels.philox import ACTION, ENVIRONMENT, draw
 from dpsearch.policies.compiled import remember_action
 
@@ -84,21 +83,7 @@ def _close_up(job, episode, time, total, state, hidden, weights, population, can
             job[lane] = _IDLE
 
 
-def _signature(weights: Any, population: Any) -> Any:
-    kernel = [INTS, FLOATS, INTS, INTS]
-    policy = [INTS, INTS, INTS, INTS, weights, population]
-    jobs = [types.uint64, types.uint64[::1], INTS, types.int64, INTS]
-    record = [types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1]]
-    outcome = [FLOATS, INTS, types.boolean[::1]]
-    return types.void(*kernel, *policy, *jobs, *record, *outcome)
-
-
-@njit(
-    [_signature(SINGLES, SINGLE_ROWS), _signature(FLOATS, ROWS), _signature(ROWS, ROWS)],
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@on_demand()
 def play(
     env_functions,  # addresses: reset, observe, step
     floats,
@@ -122,7 +107,11 @@ def play(
     lengths,  # (E,)
     terminated,  # (E,)
 ):
-    """Play jobs from the queue until it is empty, in one block of lanes."""
+    """Play jobs from the queue until it is empty, in one block of lanes.
+
+    Weights and population are float32 or float64, what is recorded float32, sizes, lengths and candidates int64, key
+    and episodes uint64, ``terminated`` bool, and all other arrays float64; all are C-contiguous.
+    """
     reset, observe, step = _reset_at(env_functions[0]), _observe_at(env_functions[1]), _step_at(env_functions[2])
     forward, sample = _forward_at(policy_functions[0], weights), _sample_at(policy_functions[1])
     state = np.zeros((env_rows[0], LANES))

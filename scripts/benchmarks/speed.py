@@ -5,7 +5,6 @@ The process's own CPU time is measured, so other work on the machine matters lit
 
 from __future__ import annotations
 
-import copy
 import gc
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -91,8 +90,7 @@ def update(repeats: int) -> list[Measurement]:
     rows = []
     for corridor, straight in ((10, True), (100, True), (1000, True), (10, False)):
         algorithm = walker(corridor, 20, straight=straight)
-        lstm = copy.deepcopy(algorithm.policy.core)
-        assert isinstance(lstm, nn.LSTM)
+        lstm = nn.LSTM(algorithm.policy.observation_size, algorithm.policy.hidden_size)
         algorithm.update()  # loads or compiles code at first use
         times: dict[str, list[float]] = {name: [] for name in ("whole", "sample", "gradient", "step", "bare")}
         for i in _rounds(repeats * UPDATES):

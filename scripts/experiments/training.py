@@ -13,6 +13,7 @@ from omegaconf import open_dict
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
+from dpsearch.policies import CORES
 from dpsearch.rollout import Rollouts
 
 # Settings that came after the first logs of runs, with what had been meant before: they count if they differ.
@@ -77,8 +78,7 @@ class Settings:
     def network(self) -> str:
         """The policy's architecture, in words."""
         policy = self.config.policy
-        cores = {"lstm": "LSTM, {} cells", "rnn": "Elman, {} units", "none": "no memory, {} units"}
-        return cores[policy.core].format(policy.hidden_size)
+        return CORES[policy.core].words.format(policy.hidden_size)
 
     def rollouts(self) -> Rollouts:
         """The engine that plays the environment."""

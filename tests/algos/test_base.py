@@ -13,7 +13,7 @@ import torch
 from dpsearch.algos import RPG
 from dpsearch.envs.tmaze import TMaze
 from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
-from dpsearch.policies import PolicyConfig, UnsupportedSpaceError
+from dpsearch.policies import CORES, PolicyConfig, UnsupportedSpaceError
 
 TMAZE: dict[str, Any] = {"env_kwargs": {"corridor_length": 3}, "policy": PolicyConfig(init_range=0.5)}
 
@@ -74,8 +74,10 @@ def test_a_maze_made_by_hand_knows_when_it_is_solved() -> None:
     assert RPG(TMaze(corridor_length=3)).rollouts.reward_threshold == registered == 3.8
 
 
-def test_saved_and_loaded_it_goes_on_bit_for_bit(tmp_path: Path) -> None:
-    whole, first = make(optimizer="Adam", learning_rate=0.01), make(optimizer="Adam", learning_rate=0.01)
+@pytest.mark.parametrize("core", list(CORES))
+def test_saved_and_loaded_it_goes_on_bit_for_bit(tmp_path: Path, core: str) -> None:
+    policy = PolicyConfig(core=core, init_range=0.5)
+    whole, first = (make(policy=policy, optimizer="Adam", learning_rate=0.01) for _ in range(2))
     whole.learn(total_updates=9)
     first.learn(total_updates=4).save(tmp_path / "rpg.pt")
     second = RPG.load(tmp_path / "rpg.pt").learn(total_updates=9)

@@ -69,7 +69,7 @@ def test_a_candidate_is_judged_with_the_weights_that_its_policy_will_have(seed: 
 
 
 def test_one_recurrent_unit_without_a_readout_has_four_weights_and_suffices() -> None:
-    unit = PolicyConfig(core="rnn", hidden_size=1, bias=False, readout=False)
+    unit = PolicyConfig(core="elman", hidden_size=1, bias=False, readout=False)
     algorithm = XNESPolicySearch(
         "dpsearch/DoublePoleHidden-v0", policy=unit, importance_mixing=True, population=12, sigma_learning_rate=0.2
     )

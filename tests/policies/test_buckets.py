@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from dpsearch.policies import PolicyConfig, RecurrentPolicy
+from dpsearch.policies import CORES, PolicyConfig, RecurrentPolicy
 from dpsearch.policies.buckets import STEP_COST, buckets
 from dpsearch.policies.heads import Categorical
 
@@ -36,7 +36,7 @@ def test_they_are_split_where_it_saves_much_and_only_there() -> None:
     assert len(buckets(unequal(3))) == 1
 
 
-@pytest.mark.parametrize("core", ["lstm", "rnn", "none"])
+@pytest.mark.parametrize("core", list(CORES))
 @pytest.mark.parametrize("previous_action", [True, False])
 def test_features_and_gradients_are_those_of_one_call(core: str, previous_action: bool) -> None:
     lengths = unequal(60)
@@ -46,7 +46,7 @@ def test_features_and_gradients_are_those_of_one_call(core: str, previous_action
     actions = torch.randint(4, (int(lengths.max()), 60, 1), generator=random).float()
     mask = torch.from_numpy(np.arange(lengths.max())[:, None] < lengths)[..., None]
     policy = RecurrentPolicy(
-        3, Categorical([4]), **vars(PolicyConfig(core=core, init_range=0.5, previous_action=previous_action))
+        3, Categorical([4]), PolicyConfig(core=core, init_range=0.5, previous_action=previous_action)
     )
     whole, _ = policy.remember(observations, actions=actions)
     parts = policy.unroll(observations, actions, lengths)

@@ -13,11 +13,10 @@ from scipy.stats import multivariate_normal
 
 from dpsearch.algos import RPG
 from dpsearch.kernels.lanes import LANES
-from dpsearch.policies import Categorical, Gaussian, PolicyConfig, PolicyRunner, RecurrentPolicy
+from dpsearch.policies import CORES, Categorical, Gaussian, PolicyConfig, PolicyRunner, RecurrentPolicy
 from dpsearch.rollout import Episodes, make_rollouts
 
 POLES = "dpsearch.envs:dpsearch/DoublePoleHidden-v0"
-CORES = ["lstm", "rnn", "none"]
 MEMORY = 0.8
 
 
@@ -39,7 +38,7 @@ def noise_in(network: RecurrentPolicy, episodes: Episodes) -> tuple[NDArray[np.f
     return actions[..., 0].numpy() - outputs[..., 0].numpy(), torch.sigmoid(outputs[..., 1]).numpy()
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", list(CORES))
 def test_log_probabilities_are_those_of_the_joint_distribution(core: str) -> None:
     network = policy(core, previous_action=core == "lstm")
     episodes = played(network)
@@ -56,7 +55,7 @@ def test_log_probabilities_are_those_of_the_joint_distribution(core: str) -> Non
         assert log_prob[:steps, n].sum() == pytest.approx(expected, rel=1e-4, abs=1e-3)
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", list(CORES))
 def test_the_noise_played_is_autoregressive(core: str) -> None:
     network = policy(core, previous_action=True, init_std=0.1)
     episodes = played(network, n=4_000)
@@ -68,7 +67,7 @@ def test_the_noise_played_is_autoregressive(core: str) -> None:
     assert fresh.std() == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", list(CORES))
 def test_both_engines_play_alike(core: str) -> None:
     network = policy(core, previous_action=True)
     other = make_rollouts(lambda: gym.wrappers.TransformReward(gym.make(POLES), float), max_episode_steps=30)
@@ -77,7 +76,7 @@ def test_both_engines_play_alike(core: str) -> None:
     np.testing.assert_allclose(lanes.actions, vectors.actions, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", list(CORES))
 def test_without_sampling_there_is_no_noise(core: str) -> None:
     with_noise, without = policy(core), policy(core, 0.0)
     without.load_vector(with_noise.vector())
@@ -137,13 +136,13 @@ def test_a_stream_in_pieces_is_played_as_one() -> None:
 
 @pytest.mark.parametrize("memory", [-0.1, 1.0, float("nan")])
 def test_a_memory_that_is_no_part_is_refused(memory: float) -> None:
-    with pytest.raises(ValueError, match="noise_memory must be 0, or below 1"):
-        RecurrentPolicy(3, Gaussian(1), noise_memory=memory)
+    with pytest.raises(ValueError, match="noise_memory must be at least 0 and below 1"):
+        RecurrentPolicy(3, Gaussian(1), PolicyConfig(noise_memory=memory))
 
 
 def test_noise_is_gaussian() -> None:
     with pytest.raises(ValueError, match="noise_memory must be 0"):
-        RecurrentPolicy(3, Categorical([2]), noise_memory=0.5)
+        RecurrentPolicy(3, Categorical([2]), PolicyConfig(noise_memory=0.5))
 
 
 def test_whole_episodes_need_their_actions() -> None:

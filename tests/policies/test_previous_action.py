@@ -12,12 +12,11 @@ import torch
 
 from dpsearch.algos import RPG
 from dpsearch.env_kit import PreviousAction
-from dpsearch.policies import PolicyConfig, PolicyRunner, RecurrentPolicy
+from dpsearch.policies import CORES, PolicyConfig, PolicyRunner, RecurrentPolicy
 from dpsearch.rollout import make_rollouts
 
 MAZE = "dpsearch.envs:dpsearch/Maze4x3-v0"
 POLES = "dpsearch.envs:dpsearch/DoublePoleHidden-v0"
-CORES = ["lstm", "rnn", "none"]
 
 
 def policies(env: str, core: str, **options: Any) -> tuple[RecurrentPolicy, RecurrentPolicy]:
@@ -32,7 +31,7 @@ def policies(env: str, core: str, **options: Any) -> tuple[RecurrentPolicy, Recu
     return echo, twin
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", list(CORES))
 @pytest.mark.parametrize(("env", "options"), [(MAZE, {}), (POLES, {}), (POLES, {"deterministic": True})])
 @pytest.mark.parametrize("greedy", [False, True])
 def test_it_plays_as_if_the_environment_showed_the_action(
@@ -53,7 +52,7 @@ def test_it_plays_as_if_the_environment_showed_the_action(
         np.testing.assert_allclose(chosen[played], ours.actions[played], atol=1e-4)
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", list(CORES))
 def test_both_engines_play_alike(core: str) -> None:
     echo, _ = policies(POLES, core)
     lanes = make_rollouts(POLES, max_episode_steps=30).collect(echo, 40, key=9, greedy=True)

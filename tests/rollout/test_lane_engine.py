@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from dpsearch.envs import TMaze
 from dpsearch.kernels.philox import stream_key
-from dpsearch.policies import Categorical, Deterministic, PolicyConfig, RecurrentPolicy
+from dpsearch.policies import CORES, Categorical, Deterministic, PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes, LaneEngine
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +72,7 @@ def test_other_keys_and_numbers_give_other_episodes() -> None:
     assert len({tuple(play) for play in plays}) == 4
 
 
-@pytest.mark.parametrize("core", ["lstm", "rnn", "none"])
+@pytest.mark.parametrize("core", list(CORES))
 def test_recorded_episodes_are_those_of_the_scalar_environment(core: str) -> None:
     env = TMaze(3, max_episode_steps=40)
     episodes = rollouts(3, max_steps=40).collect(policy(core), 50, key=KEY)
@@ -181,14 +181,15 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
 WARM = """
 from numba.core import event
 with event.install_recorder("numba:compile") as recorder:
-    import numpy as np
-    from dpsearch.policies import RecurrentPolicy
+    from dpsearch.policies import CORES, PolicyConfig, RecurrentPolicy
     from dpsearch.rollout import make_rollouts
     rollouts = make_rollouts("dpsearch/TMaze-v0")
-    policy = RecurrentPolicy.for_spaces(rollouts.observation_space, rollouts.action_space)
-    rollouts.collect(policy, 20, key=1).returns_to_go(0.98)
-    rollouts.collect(policy, 20, key=1, greedy=True)
-    rollouts.evaluate(policy, policy.vector()[None], key=1, episodes=[[0, 1]])
+    for core in CORES:
+        config = PolicyConfig(core=core)
+        policy = RecurrentPolicy.for_spaces(rollouts.observation_space, rollouts.action_space, config)
+        rollouts.collect(policy, 20, key=1).returns_to_go(0.98)
+        rollouts.collect(policy, 20, key=1, greedy=True)
+        rollouts.evaluate(policy, policy.vector()[None], key=1, episodes=[[0, 1]])
 print([record.data["dispatcher"].py_func.__name__ for _, record in recorder.buffer if record.is_start])
 """
 
@@ -197,6 +198,42 @@ def test_a_warm_start_compiles_nothing() -> None:
     for _ in range(2):
         run = subprocess.run([sys.executable, "-c", WARM], cwd=ROOT, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+ON_DEMAND = """
+from dpsearch.kernels.lanes import FORWARD_LANES, FORWARD_SHARED, FORWARD_SINGLE, SAMPLE
+from dpsearch.policies import CORES, RecurrentPolicy
+from dpsearch.rollout import make_rollouts
+from dpsearch.rollout.lane_loop import play
+
+def versions(kernel):
+    return kernel.signatures
+
+{make}
+policy = RecurrentPolicy.for_spaces(rollouts.observation_space, rollouts.action_space)
+head, step = policy.head, policy.core.step
+assert not any(map(versions, [*(core.step for core in CORES.values()), head.compiled_sample, head.compiled_mode, play]))
+rollouts.collect(policy, 2, key=1)
+assert versions(step) == [FORWARD_SINGLE.args]
+assert (versions(head.compiled_sample), versions(head.compiled_mode)) == ([SAMPLE.args], [])
+rollouts.evaluate(policy, policy.vector()[None], key=1, episodes=[[0, 1]])
+assert versions(step) == [FORWARD_SINGLE.args, FORWARD_LANES.args]
+rollouts.collect(policy, 2, key=1, greedy=True)
+assert versions(step) == [FORWARD_SINGLE.args, FORWARD_LANES.args, FORWARD_SHARED.args]
+assert (versions(head.compiled_sample), versions(head.compiled_mode)) == ([SAMPLE.args], [SAMPLE.args])
+assert len(versions(play)) in (0, 3)
+assert not any(versions(core.step) for core in CORES.values() if core.step is not step)
+"""
+ENGINES = {
+    "lanes": "rollouts = make_rollouts('dpsearch/TMaze-v0')",
+    "gymnasium": "rollouts = make_rollouts('CartPole-v1', max_episode_steps=9)",
+}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_kernel_is_compiled_for_what_a_run_needs_and_no_more(engine: str) -> None:
+    code = ON_DEMAND.format(make=ENGINES[engine])
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
 def test_it_can_be_sent_to_another_process() -> None:

@@ -54,8 +54,8 @@ class Network:
 
 
 LSTM = Network("LSTM, 2 cells (42 weights)", ())
-THREE = Network("Elman, 3 units (21)", ("policy.core=rnn", "policy.hidden_size=3", "algo.sigma0=0.5"))
-ONE = Network("1 unit (4)", ("policy.core=rnn", "policy.hidden_size=1", "policy.readout=false"))
+THREE = Network("Elman, 3 units (21)", ("policy.core=elman", "policy.hidden_size=3", "algo.sigma0=0.5"))
+ONE = Network("1 unit (4)", ("policy.core=elman", "policy.hidden_size=1", "policy.readout=false"))
 
 
 def cell(method: Method, env: str, network: Network, task: str) -> Cell:

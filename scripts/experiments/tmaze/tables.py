@@ -16,10 +16,11 @@ from scripts.experiments.tmaze.reported import LONGEST, RELIABLE, THESIS_LONGEST
 from scripts.experiments.training import compose
 
 LSTM = Method("lstm", "RPG", ("algo=rpg", "env=tmaze"))
-ELMAN = Method("elman", "RPG, Elman network", ("algo=rpg", "env=tmaze", "policy.core=rnn"))
+ELMAN = Method("elman", "RPG, Elman network", ("algo=rpg", "env=tmaze", "policy.core=elman"))
+GRU = Method("gru", "RPG, GRU", ("algo=rpg", "env=tmaze", "policy.core=gru"))
 FAST = Method("tmaze_fast", "RPG, tmaze_fast", ("experiment=tmaze_fast",))
 LONG = Method("tmaze_long", "RPG, tmaze_long", ("experiment=tmaze_long",))
-METHODS = {method.name: method for method in (LSTM, ELMAN, FAST, LONG)}
+METHODS = {method.name: method for method in (LSTM, ELMAN, GRU, FAST, LONG)}
 
 WORDS = {
     LONGEST: "longest N solved reliably",
@@ -111,7 +112,7 @@ FIG_3_4 = Experiment(
     metrics=METRICS,
     words=WORDS,
     run=until_solved,
-    add_options=partial(add_options, corridors=tuple(range(10, 101, 10)), methods=(LSTM, ELMAN), limit=20_000_000),
+    add_options=partial(add_options, corridors=tuple(range(10, 101, 10)), methods=(LSTM, ELMAN, GRU), limit=20_000_000),
     cells=cells,
     sections=with_longest,
     draw=draw_corridors,

@@ -35,7 +35,7 @@ def driver(**settings: Any) -> RPG:
 
 def balancer(**settings: Any) -> RPG:
     """An Elman net without biases: what it does in the mirror is what a mirror shows it doing."""
-    policy = PolicyConfig(core="rnn", hidden_size=4, init_range=0.3, bias=False)
+    policy = PolicyConfig(core="elman", hidden_size=4, init_range=0.3, bias=False)
     given = {"natural_step": 0.01, "gradient_length": None, "gamma": 0.9, "baseline_episodes": 0}
     return RPG("dpsearch/DoublePoleHidden-v0", policy=policy, seed=1, **given | settings)
 

@@ -5,18 +5,18 @@ TINY = ("algo=rpg", "env=tmaze", "env.corridor_length=1")
 
 
 def test_the_settings_are_those_of_the_configuration_files() -> None:
-    settings = compose((*TINY, "policy.core=rnn", "algo.batch_size=7"))
+    settings = compose((*TINY, "policy.core=elman", "algo.batch_size=7"))
     assert settings.algo == "rpg"
     assert settings.network == "Elman, 10 units"
     algorithm = settings.algorithm(settings.rollouts(), seed=5)
     assert isinstance(algorithm, RPG)
-    assert (algorithm.config.batch_size, algorithm.seed, algorithm.policy.core_type) == (7, 5, "rnn")
+    assert (algorithm.config.batch_size, algorithm.seed, algorithm.policy.config()["core"]) == (7, 5, "elman")
 
 
 def test_a_fingerprint_tells_settings_apart_but_not_where_the_run_is_kept() -> None:
     first = compose(TINY).fingerprint()
     assert compose((*TINY, "seed=3", "run_dir=elsewhere", "progress=false")).fingerprint() == first
-    others = ("algo.batch_size=7", "policy.core=rnn", "env.encoding=one_hot", "total_steps=9")
+    others = ("algo.batch_size=7", "policy.core=elman", "env.encoding=one_hot", "total_steps=9")
     assert len({first, *(compose((*TINY, other)).fingerprint() for other in others)}) == 5
 
 

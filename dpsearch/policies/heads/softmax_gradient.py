@@ -1,30 +1,31 @@
-"""The eligibilities of a softmax's outputs, and what they come to for the layer below, in one compiled pass.
+"""The eligibilities of a softmax's outputs, alone or backpropagated through the layer below, in one compiled pass.
 
-Steps are taken a block at a time and are the last axis there, so that all loops turn into SIMD.
+Steps are taken in blocks, in which they are the last axis, so that all loops turn into SIMD.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from dpsearch.kernels.activations import exp
 from dpsearch.kernels.elementary import log
-from dpsearch.kernels.lanes import FASTMATH, INTS, SINGLE_ROWS, SINGLES
+from dpsearch.kernels.lanes import FASTMATH
+from dpsearch.kernels.on_demand import on_demand
 
 BLOCK = 128
-"""Steps at a time: what is computed of them stays in the nearest cache."""
+"""Steps in a block: so few that all numbers of the block stay in the processor's nearest cache."""
 _F32 = np.float32
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
-_WORKING_ROWS = 7  # of ``_weigh``, besides one an output
+_WORKING_ROWS = 7  # that ``_weigh`` needs beside one for each output
 
 
 @njit(inline="always")
 def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entropy):
-    """Turns the outputs ``(K, BLOCK)`` of ``count`` steps, from ``first`` on, into their eligibilities.
+    """Replaces the outputs ``(K, BLOCK)`` of ``count`` steps, from step ``first`` on, by their eligibilities.
 
-    ``(a_i - p_i)`` times the step's weight, for each group of ``sizes[i]`` outputs (section 3.4.2), and the derivatives
-    of the entropy, ``-p_i (log p_i + entropy)``, times the step's bonus.
+    In each group of ``sizes[i]`` outputs these are ``(a_i - p_i)`` times the step's weight (section 3.4.2), plus the
+    derivatives of the entropy, ``-p_i (log p_i + entropy)``, times the step's bonus.
     """
     weight, extra, largest, total = working[0], working[1], working[2], working[3]
     mean, spread, taken = working[4], working[5], working[6]
@@ -66,24 +67,20 @@ def _weigh(sizes, outputs, first, count, actions, weights, bonus, working, entro
         entropy[first + m] = spread[m]
 
 
-@njit(
-    types.void(INTS, SINGLE_ROWS, SINGLE_ROWS, SINGLES, SINGLES, SINGLE_ROWS, SINGLES),
-    cache=True,
-    nogil=True,
-    fastmath=FASTMATH,
-    error_model="numpy",
-)
+@on_demand(fastmath=FASTMATH)
 def softmax_eligibilities(sizes, outputs, actions, weights, bonus, eligibilities, entropy):
-    """The derivatives of log pi(a|h) by the outputs, weighted, and those of the entropy.
+    """Derivatives of log pi(a|h) and of the entropy by the outputs, each with a factor, and added.
+
+    All arrays but ``sizes`` (int64) are float32; all are C-contiguous.
 
     Args:
         sizes: ``(A,)``, choices of each group.
-        outputs: ``(M, K)``, of M steps.
+        outputs: ``(M, K)``, at M steps.
         actions: ``(M, A)``, whole numbers.
-        weights: ``(M,)``, of the former.
-        bonus: ``(M,)``, of the latter, or ``(0,)`` for none.
-        eligibilities: ``(M, K)``, written.
-        entropy: ``(M,)``, written: of all groups together, in nats.
+        weights: ``(M,)``, factors of the derivatives of log pi(a|h).
+        bonus: ``(M,)``, factors of the derivatives of the entropy, or ``(0,)`` for none.
+        eligibilities: ``(M, K)``, the sum, written.
+        entropy: ``(M,)``, entropy of all groups together in nats, written.
     """
     n, size = outputs.shape
     block = np.empty((size, BLOCK), np.float32)
@@ -99,34 +96,24 @@ def softmax_eligibilities(sizes, outputs, actions, weights, bonus, eligibilities
                 eligibilities[first + m, k] = block[k, m]
 
 
-_STEPS = types.float32[:, :, ::1]
-
-
-@njit(
-    types.void(
-        *(INTS, SINGLE_ROWS, SINGLES, _STEPS, _STEPS, SINGLE_ROWS, SINGLE_ROWS),
-        *(_STEPS, SINGLE_ROWS, SINGLES, SINGLE_ROWS),
-    ),
-    cache=True,
-    nogil=True,
-    fastmath=FASTMATH | {"reassoc"},  # sums over steps may be made in any order, else there is no SIMD for them
-    error_model="numpy",
-)
+@on_demand(fastmath=FASTMATH | {"reassoc"})  # sums over steps may be made in any order, else there is no SIMD
 def softmax_gradient(sizes, weight, bias, features, actions, weights, bonus, by_features, by_weight, by_bias, entropy):
-    """The same, backpropagated through the linear layer that makes the outputs of features.
+    """``softmax_eligibilities``, backpropagated through the linear layer that makes the outputs.
+
+    All arrays but ``sizes`` (int64) are float32; all are C-contiguous.
 
     Args:
         sizes: ``(A,)``, choices of each group.
-        weight: ``(K, H)``, the layer's.
-        bias: ``(K,)``, likewise.
-        features: ``(T, B, H)``.
+        weight: ``(K, H)``, weights of the layer.
+        bias: ``(K,)``, bias of the layer.
+        features: ``(T, B, H)``, input of the layer.
         actions: ``(T, B, A)``, whole numbers.
-        weights: ``(T, B)``, of the derivatives of log pi(a|h).
-        bonus: ``(T, B)``, of those of the entropy, or ``(0, 0)`` for none.
-        by_features: ``(T, B, H)``, the derivatives by the features, written.
-        by_weight: ``(K, H)``, those by the layer's weights, written: the sum over steps.
-        by_bias: ``(K,)``, likewise.
-        entropy: ``(T, B)``, written: of all groups together, in nats.
+        weights: ``(T, B)``, factors of the derivatives of log pi(a|h).
+        bonus: ``(T, B)``, factors of the derivatives of the entropy, or ``(0, 0)`` for none.
+        by_features: ``(T, B, H)``, derivatives by the features, written.
+        by_weight: ``(K, H)``, derivatives by the weights of the layer, summed over steps, written.
+        by_bias: ``(K,)``, derivatives by the bias of the layer, summed over steps, written.
+        entropy: ``(T, B)``, entropy of all groups together in nats, written.
     """
     n, size = weights.size, len(weight[0])
     features, by_features, actions = (
