@@ -29,5 +29,5 @@ bench: ## Measure every speed the README names
 docs: ## Compute the tables and figures of docs/results again (a long time)
 	$(PYTHON) scripts/reproduce.py fig_3_4
 
-clean-cache: ## Delete what Numba compiled; needed after a change in dpsearch/kernels or cores/stacking.py
-	find . \( -name '*.nbi' -o -name '*.nbc' \) -delete
+clean-cache: ## Delete compiled kernels, to compile all of them anew
+	rm -rf dpsearch/__pycache__/kernels

@@ -10,17 +10,18 @@ microseconds a call, as long as 40 blocks played from here.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import INTS, LANES, EnvKernel, lanes_in_use, noise_rows
+from dpsearch.kernels.lanes import LANES, EnvKernel, lanes_in_use, noise_rows
+from dpsearch.kernels.on_demand import on_demand
 from dpsearch.kernels.philox import ENVIRONMENT, draw, stream_key
 
 _NUMBERS = types.uint64[::1]
 _BLOCKS = types.float64[:, :, ::1]
 
 
-@njit(types.void(_NUMBERS, _NUMBERS, INTS, types.boolean[::1], _BLOCKS), cache=True, nogil=True)
+@on_demand()
 def _draw(keys, episodes, steps, chosen, noise):
     """Fills the noise (blocks, rows, LANES) of the chosen environments, each of which has a key of its own."""
     drawn = np.empty((noise.shape[1], 1))

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import ROWS
+from dpsearch.kernels.on_demand import on_demand
 
 ENVIRONMENT: Final = 0
 """Purpose of a draw: start states, transitions, observation noise."""
@@ -38,10 +38,7 @@ def _rounds(c0, c1, c2, c3, k0, k1):
     return c0, c1, c2, c3
 
 
-_U64 = types.uint64[::1]
-
-
-@njit(types.void(types.uint64[:, ::1], types.uint64[:, ::1], types.uint64[:, ::1]), cache=True, nogil=True)
+@on_demand()
 def philox4x32(counters, keys, words):
     """Philox4x32-10 as published: row ``i`` of ``words`` (n, 4) from counter (n, 4) and key (n, 2), 32 bits each."""
     for i in range(counters.shape[0]):
@@ -50,12 +47,7 @@ def philox4x32(counters, keys, words):
         )
 
 
-@njit(
-    types.void(types.uint64, _U64, types.int64[::1], types.int64, ROWS, types.int64),
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@on_demand()
 def draw(key, episode, step, purpose, noise, lanes):
     """Fill the first ``lanes`` of ``noise`` (a multiple of 4 rows, LANES) with the uniforms in (0, 1) of their steps.
 

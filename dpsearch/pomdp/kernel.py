@@ -7,10 +7,11 @@ Each step takes two uniforms, one for the transition and one for the observation
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import FLOATS, INTS, OBSERVE, RESET, STEP, EnvKernel
+from dpsearch.kernels.lanes import EnvKernel
+from dpsearch.kernels.on_demand import on_demand
 from dpsearch.pomdp.model import TabularPOMDP
 
 # The head of `ints`: three sizes, then where each table begins. Row S * A of the transitions is the
@@ -49,7 +50,7 @@ def _entry(ints, starts, row, floats, cumulative, uniform):
     return first
 
 
-@njit(RESET, cache=True, nogil=True, error_model="numpy")
+@on_demand()
 def reset(floats, ints, noise, lane, state):
     """Draws the start state and the first observation of one lane."""
     actions = ints[_ACTIONS]
@@ -63,7 +64,7 @@ def reset(floats, ints, noise, lane, state):
     state[1, lane] = ints[ints[_SYMBOL_INDICES] + seen]
 
 
-@njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
+@on_demand()
 def observe(floats, ints, state, observation, lanes):
     """Looks up the features of the symbol that each lane sees."""
     for feature in range(ints[_FEATURES]):
@@ -72,7 +73,7 @@ def observe(floats, ints, state, observation, lanes):
             observation[feature, lane] = _at(floats, at + np.int64(state[1, lane]))
 
 
-@njit(STEP, cache=True, nogil=True, error_model="numpy")
+@on_demand()
 def step(floats, ints, noise, action, state, reward, terminated, lanes):
     """Moves the first lanes on. An action out of range counts as the nearest one, so no lookup goes astray."""
     # Read once: the compiler cannot know that writing a state does not change them.
@@ -94,7 +95,7 @@ def step(floats, ints, noise, action, state, reward, terminated, lanes):
         terminated[lane] = _at(ints, terminal + place) != 0
 
 
-@njit(types.void(INTS, FLOATS, FLOATS), cache=True, nogil=True)
+@on_demand()
 def _accumulate(starts, probabilities, cumulative):
     for row in range(len(starts) - 1):
         total = 0.0

@@ -7,15 +7,12 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numba import njit, types
 from numpy.typing import NDArray
 
+from dpsearch.kernels.on_demand import on_demand
 
-@njit(
-    types.void(types.float32[:, ::1], types.int64[::1], types.float64, types.float32[:, ::1]),
-    cache=True,
-    nogil=True,
-)
+
+@on_demand()
 def _discount(values, lengths, factor, sums):
     carried = np.zeros(lengths.shape[0])
     for t in range(values.shape[0] - 1, -1, -1):
@@ -25,11 +22,7 @@ def _discount(values, lengths, factor, sums):
                 sums[t, b] = carried[b]
 
 
-@njit(
-    [types.void(types.UniTuple(types.float32[:, ::1], n), types.int64[::1], types.float64[:, ::1]) for n in (1, 3)],
-    cache=True,
-    nogil=True,
-)
+@on_demand()
 def _moments(arrays, lengths, moments):
     count = lengths.sum()
     for i in range(len(arrays)):
@@ -46,11 +39,7 @@ def _moments(arrays, lengths, moments):
         moments[i, 1] = max(squares.sum() / count - mean * mean, 0.0)
 
 
-@njit(
-    types.int64(types.float32[:, :, ::1], types.float32[:, :, ::1], types.float32[:, ::1], types.int64[::1]),
-    cache=True,
-    nogil=True,
-)
+@on_demand()
 def clear_padding(observations, actions, rewards, lengths):
     """Zero what lies beyond the end of each episode, up to the end of the longest; returns its length.
 

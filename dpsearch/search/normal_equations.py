@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
-from dpsearch.kernels.lanes import FLOATS, LANES, ROWS
+from dpsearch.kernels.lanes import LANES
 from dpsearch.kernels.matvec import matvec
+from dpsearch.kernels.on_demand import on_demand
 
 _SCALE = math.sqrt(0.5)
 
@@ -24,7 +25,7 @@ def _at(a, b):
     return b * (b + 1) // 2 + a
 
 
-@njit(types.void(ROWS, FLOATS, ROWS, FLOATS), cache=True, nogil=True, error_model="numpy")
+@on_demand()
 def normal_equations(points, targets, gram, right):
     """Write ``gram`` and ``right`` of the equations ``gram @ coefficients = right`` of the best fit of the targets.
 

@@ -9,18 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, types
 
-from dpsearch.kernels.lanes import FASTMATH, FLOATS, ROWS
+from dpsearch.kernels.lanes import FASTMATH
+from dpsearch.kernels.on_demand import on_demand
 
 
-@njit(
-    ROWS(types.int64, FLOATS, ROWS, types.float64, types.float64, types.npy_rng),
-    cache=True,
-    nogil=True,
-    fastmath=FASTMATH,
-    error_model="numpy",
-)
+@on_demand(fastmath=FASTMATH)
 def renewed(n, shift, stretch, log_volume, refresh_rate, generator):
     """Points ``(n, d)``: draws y from N(0, I), accepted with max(eta, 1 - old / new density).
 

@@ -12,7 +12,7 @@ from dataclasses import astuple
 from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 from numpy.typing import NDArray
 
 from dpsearch.envs.driving.car import GRAVITY, Car
@@ -31,7 +31,8 @@ from dpsearch.envs.driving.rules import (
     Rules,
 )
 from dpsearch.kernels.elementary import arctan2, sincos
-from dpsearch.kernels.lanes import FASTMATH, FLOATS, INTS, LANES, OBSERVE, RESET, ROWS, STEP, EnvKernel
+from dpsearch.kernels.lanes import FASTMATH, LANES, EnvKernel
+from dpsearch.kernels.on_demand import on_demand
 
 (DISTANCE, OFFSET, ANGLE, FORWARD, SIDEWAYS, TURNING, WHEELS, DRIVEN) = range(8)
 """Rows of the state: s, n, p, u, v, r and d of the car (m, rad, s), and steps driven."""
@@ -183,13 +184,13 @@ def _survey(floats, ints, state, i):
     state[_AHEAD_BEND * LANES + i] = _read(floats, bend, there, spacing)
 
 
-@njit(types.void(FLOATS, INTS, ROWS), cache=True, error_model="numpy", fastmath=FASTMATH)
+@on_demand(fastmath=FASTMATH)
 def survey(floats, ints, state):
     """Looks up what lane 0 has to know of the road where it is."""
     _survey(floats, ints, state.ravel(), 0)
 
 
-@njit(RESET, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@on_demand(fastmath=FASTMATH)
 def reset(floats, ints, noise, lane, state):
     """Puts one lane on the start line, or anywhere on the road, in its middle and along it, at the first speed."""
     for row in range(STATE_SIZE):
@@ -200,7 +201,7 @@ def reset(floats, ints, noise, lane, state):
     _survey(floats, ints, state.ravel(), lane)
 
 
-@njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@on_demand(fastmath=FASTMATH)
 def step(floats, ints, noise, action, state, reward, terminated, lanes):
     """One step of the first lanes."""
     actions, flat = action.ravel(), state.ravel()
@@ -271,7 +272,7 @@ def _see(floats, name, state, seen, first, lanes):
             seen[first + i] = KMH * (speed + rise * min(state[DRIVEN * LANES + i] / rise_steps, 1.0))
 
 
-@njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
+@on_demand()
 def observe(floats, ints, state, observation, lanes):
     """Shows what the agent may see, shifted and scaled."""
     rows, seen = state.ravel(), observation.ravel()

@@ -27,7 +27,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dpsearch.kernels.lanes import FASTMATH, LANES, OBSERVE, RESET, STEP, EnvKernel
+from dpsearch.kernels.lanes import FASTMATH, LANES, EnvKernel
+from dpsearch.kernels.on_demand import on_demand
 
 GRAVITY: Final = -9.8  # m/s^2
 CART_MASS: Final = 1.0  # kg
@@ -251,7 +252,7 @@ def _damping(size, state, reward, terminated, lanes):
         state[fitness + i] = value
 
 
-@njit(RESET, cache=True, nogil=True, error_model="numpy")
+@on_demand()
 def reset(floats, ints, noise, lane, state):
     """Puts one lane at one of the starts, all equally likely. With only one, no random number is needed."""
     starts = ints[_STARTS]
@@ -266,7 +267,7 @@ def reset(floats, ints, noise, lane, state):
         state[size + 2, lane] = _motion(state.ravel(), lane)
 
 
-@njit(OBSERVE, cache=True, nogil=True, error_model="numpy")
+@on_demand()
 def observe(floats, ints, state, observation, lanes):
     """Shows the rows that the agent may see, scaled."""
     for i in range(ints[_SEEN]):
@@ -276,7 +277,7 @@ def observe(floats, ints, state, observation, lanes):
             observation[i, lane] = scale * state[row, lane]
 
 
-@njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@on_demand(fastmath=FASTMATH)
 def step_one(floats, ints, noise, action, state, reward, terminated, lanes):
     """Two time steps of one pole in the first lanes."""
     actions, flat = action.ravel(), state.ravel()
@@ -288,7 +289,7 @@ def step_one(floats, ints, noise, action, state, reward, terminated, lanes):
         _damping(4, flat, reward, terminated, lanes)
 
 
-@njit(STEP, cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
+@on_demand(fastmath=FASTMATH)
 def step_two(floats, ints, noise, action, state, reward, terminated, lanes):
     """Two time steps of two poles in the first lanes."""
     actions, flat = action.ravel(), state.ravel()
