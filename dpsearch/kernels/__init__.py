@@ -4,6 +4,6 @@ import warnings
 
 from numba import config
 
-if config.DISABLE_JIT:
+if getattr(config, "DISABLE_JIT", 0):
     warnings.warn("NUMBA_DISABLE_JIT is ignored: engines call kernels by their addresses in memory", stacklevel=1)
-    config.DISABLE_JIT = 0
+    vars(config)["DISABLE_JIT"] = 0

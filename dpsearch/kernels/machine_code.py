@@ -33,7 +33,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 listeners: list[Callable[[str], object]] = []
-"""Called with a kernel's name before a version of it is compiled: for a program that wants to say what takes so long."""
+"""Each is called with the name of a kernel that is about to be compiled: for a program that says what takes so long."""
 
 
 class MachineCode:
