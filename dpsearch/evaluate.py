@@ -1,4 +1,4 @@
-"""The application that says what a trained policy achieves, and shows it: ``dpsearch-evaluate RUN --render``."""
+"""The application that measures a trained policy, and shows it at play: ``dpsearch-evaluate RUN --render``."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from dpsearch.policies import PolicyRunner, RecurrentPolicy
 from dpsearch.runs import EnvRecipe, RunDirectory, RunError, load_policy
 from dpsearch.runs.playback import Film, Gif, Video, play_episode
 
-EPISODES, WATCHED_EPISODES = 100, 3  # unless told otherwise
-FILMED_STEPS = 1000  # of an episode, unless told otherwise: poles that never fall would fill a disk
+EPISODES, WATCHED_EPISODES = 100, 3  # unless the command line says otherwise
+FILMED_STEPS = 1000  # most steps of an episode: poles that never fall would fill a disk
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Evaluate what the command line names."""
+    """Evaluate the policy that the command line names."""
     options = _parser().parse_args(arguments)
     torch.set_num_threads(1)
     try:
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def measure(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespace) -> Evaluation:
-    """Play without looking, which is fast.
+    """Measure the policy over episodes that are not shown, which is fast.
 
     Raises:
         RunError: If the environment cannot be played.
@@ -62,7 +62,7 @@ def measure(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namesp
 
 
 def watch(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespace) -> Evaluation:
-    """Play in a window, or for a film.
+    """Play episodes in a window or for a film.
 
     Raises:
         RunError: If the environment cannot be drawn, or the film cannot be written.

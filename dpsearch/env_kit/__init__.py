@@ -1,4 +1,4 @@
-"""What an environment is made of: a task with a kernel, the Gymnasium classes that play it, wrappers, drawing.
+"""Building blocks of environments: a task with a kernel, the Gymnasium classes that play it, wrappers, drawing.
 
 Start with ``task.py``. ``env.py`` is the scalar class, ``vector_env.py`` the vector class; both step the kernel
 through ``stepper.py``, so they agree bit for bit. ``drawing/`` has the canvas that the tasks' pictures are painted on.

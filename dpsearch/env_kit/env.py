@@ -1,7 +1,7 @@
 """Gymnasium's scalar class for any environment that has a kernel.
 
-It does nothing but call the kernel, as does the vector class, so they agree bit for bit with each other and with the
-lane engine. Their randomness is keyed: ``reset(seed=s)`` starts episode 0 of seed ``s``, each further ``reset()`` the
+The scalar and the vector class do nothing but call the kernel, so they agree bit for bit with each other and with the
+lane engine. Randomness is keyed: ``reset(seed=s)`` starts episode 0 of seed ``s``, each further ``reset()`` the
 next one, and all numbers of an episode are a function of (seed, episode, step).
 """
 
@@ -27,14 +27,14 @@ class KernelEnv(PlaysTask, gym.Env[NDArray[Any], Any]):
     Gymnasium's ``TimeLimit`` around it, so there the smaller of the two limits holds.
 
     Args:
-        task: What to play.
+        task: The task to play.
         render_mode: One of ``metadata["render_modes"]``, or None.
 
     Attributes:
-        task: What is played.
+        task: The task that is played.
         episode_return: Sum of the rewards of the current episode.
-        last_action: The action before now, None at the start of an episode.
-        last_reward: What it earned, likewise.
+        last_action: The last action, None at the start of an episode.
+        last_reward: The last reward, None at the start of an episode.
 
     Raises:
         ValueError: If there is no such render mode.
@@ -62,7 +62,7 @@ class KernelEnv(PlaysTask, gym.Env[NDArray[Any], Any]):
 
     @property
     def state_space(self) -> spaces.Discrete | spaces.Box:
-        """What ``info["state"]`` holds: the hidden state."""
+        """Space of the hidden state, which ``info["state"]`` holds."""
         return self.task.state_space
 
     @property
@@ -81,8 +81,8 @@ class KernelEnv(PlaysTask, gym.Env[NDArray[Any], Any]):
         """Starts episode 0 of ``seed``, or the next episode of the seed before.
 
         Args:
-            seed: Of the episodes from here on.
-            options: For a subclass that has any, to start elsewhere.
+            seed: Seed of the episodes from here on; None keeps the seed before.
+            options: Options of a subclass that can start elsewhere; else None.
 
         Raises:
             ValueError: If the seed is 2**64 or more, or the options are not what the subclass takes.
@@ -124,9 +124,9 @@ class KernelEnv(PlaysTask, gym.Env[NDArray[Any], Any]):
         return self._stepper.observe()[0], reward, bool(terminated[0]), truncated, self._info(over)
 
     def _place(self, options: dict[str, Any] | None) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
-        """What makes the state in which the options let an episode start from that in which the kernel starts it.
+        """A function that turns the kernel's start state into the one that the options ask for; None keeps it.
 
-        It is asked for before anything changes, so that bad options can be refused. None changes nothing.
+        It is called before anything changes, so that bad options can be refused.
         """
         return None
 

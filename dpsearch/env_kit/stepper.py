@@ -1,7 +1,7 @@
 """Plays a kernel for the Gymnasium classes, in as many lanes as they have environments.
 
 The scalar and the vector class both step through here, so they cannot differ. Each environment has its own
-key and counts its own episodes and steps, and those three are all that its random numbers depend on.
+key and counts its own episodes and steps; its random numbers depend on these three alone.
 
 The loop over blocks is Python's: to hand one of the kernel's functions to a compiled loop takes 25
 microseconds a call, as long as 40 blocks played from here.
@@ -32,10 +32,10 @@ def _draw(keys, episodes, steps, chosen, noise):
 
 
 class LaneStepper:
-    """The state of n environments, and what a kernel can do with it.
+    """The states of n environments, which a kernel resets, steps and observes.
 
     Attributes:
-        steps: Steps that each one's episode has had, ``(n,)``.
+        steps: Steps so far in the episode of each environment, ``(n,)``.
     """
 
     def __init__(self, kernel: EnvKernel, n: int) -> None:
@@ -87,13 +87,13 @@ class LaneStepper:
         self._state[block, :, lane] = state
 
     def step(self, actions: NDArray[np.generic]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Moves every environment on by one step, also those whose episode is over, to no purpose.
+        """Moves every environment one step on; where the episode is over, the result means nothing.
 
         Args:
-            actions: One for each environment, ``(n,)`` or ``(n, action size)``.
+            actions: The action of each environment, ``(n,)`` or ``(n, action size)``.
 
         Returns:
-            Rewards ``(n,)`` and whether the episode is over ``(n,)``.
+            Rewards ``(n,)``, and whether each episode has terminated ``(n,)``.
         """
         kernel = self._kernel
         n = len(self.steps)
@@ -107,7 +107,7 @@ class LaneStepper:
         return self._reward.ravel()[:n].copy(), self._terminated.ravel()[:n].copy()
 
     def observe(self) -> NDArray[np.float32]:
-        """What each environment shows now, ``(n, observation size)``."""
+        """The present observation of each environment, ``(n, observation size)``."""
         kernel = self._kernel
         for state, observation, lanes in zip(self._state, self._observation, self._used, strict=True):
             kernel.observe(kernel.floats, kernel.ints, state, observation, lanes)

@@ -1,4 +1,4 @@
-"""What a Gymnasium class with a kernel plays: the dynamics and the spaces, and how it presents itself to Gymnasium."""
+"""A task, which Gymnasium classes with a kernel play: its dynamics and spaces, and what it tells Gymnasium."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from dpsearch.kernels.lanes import EnvKernel
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What there is to know about an environment with a kernel.
+    """The description of an environment with a kernel.
 
     Attributes:
-        kernel: The dynamics.
-        observation_space: What the agent sees, a flat box of float32.
-        action_space: ``Discrete``, counting from 0, or a flat ``Box``, whose actions the kernel takes to its
-            bounds if they lie beyond.
-        state_space: What ``info["state"]`` holds: the number in row 0 of the kernel's state if this is
-            ``Discrete``, the whole state if it is a ``Box``.
+        kernel: The compiled dynamics.
+        observation_space: Space of observations, a flat box of float32.
+        action_space: Space of actions: ``Discrete``, counting from 0, or a flat ``Box``. The kernel clips actions
+            that lie beyond the bounds of the box.
+        state_space: Space of the hidden state, which ``info["state"]`` holds. If it is ``Discrete``, that is the number
+            in row 0 of the kernel's state; if it is a ``Box``, the whole state.
         max_episode_steps: Steps after which an episode is cut off, at least 1.
         reward_threshold: Mean return that counts as solved, if there is one; see also :meth:`threshold`.
 
@@ -43,19 +43,19 @@ class Task:
             raise ValueError(f"max_episode_steps must be at least 1, got {self.max_episode_steps}")
 
     def threshold(self, limit: int) -> float | None:
-        """The mean return that counts as solved where episodes last up to ``limit`` steps."""
+        """Mean return that counts as solved if episodes last up to ``limit`` steps; None if none does."""
         return self.reward_threshold
 
     def hidden(self, states: NDArray[np.float64]) -> NDArray[Any]:
-        """The hidden states in some states of the kernel ``(n, state size)``; see ``state_space``."""
+        """The hidden states, as in ``state_space``, that belong to states of the kernel ``(n, state size)``."""
         return states[:, 0].astype(np.int64) if isinstance(self.state_space, spaces.Discrete) else states
 
     def details(self, states: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """What ``info`` tells besides the hidden state, by name ``(n,)``, in some states ``(n, state size)``."""
+        """Entries of ``info`` besides the hidden state, ``(n,)`` each, for states of the kernel ``(n, state size)``."""
         return {}
 
     def carry_on(self, states: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """Options ``(n,)`` with which the next ``reset`` goes on from ends of episodes ``(n, state size)``, if any."""
+        """Options ``(n,)`` for ``reset`` to go on from the last states ``(n, state size)``; none by default."""
         return {}
 
     def check_actions(self, actions: Any, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -78,10 +78,10 @@ class Task:
 
 
 class PlaysTask:
-    """What scalar and vector classes have in common.
+    """Properties that scalar and vector classes share; they come from the task.
 
     Attributes:
-        task: What is played.
+        task: The task that is played.
     """
 
     task: Task
@@ -104,7 +104,7 @@ class PlaysTask:
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How it was made. Limit and threshold are those of this task: the registered ones know no arguments."""
+        """Gymnasium's spec, with this task's own limit and threshold: the registered ones do not know its arguments."""
         return self._spec
 
     @spec.setter

@@ -1,4 +1,4 @@
-"""Gymnasium's vector class for any environment that has a kernel; see ``kernel_env``."""
+"""Gymnasium's vector class for any environment that has a kernel; ``env.py`` has the scalar class."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
     Environment ``i`` of a vector that is seeded with the number ``s`` has seed ``s + i``.
 
     Args:
-        task: What to play.
+        task: The task to play.
         num_envs: How many environments.
         autoreset_mode: When the next episode follows an ended one, ``NEXT_STEP`` or ``SAME_STEP``.
         render_mode: None, for vectors are not drawn.
 
     Attributes:
-        task: What is played.
+        task: The task that is played.
 
     Raises:
         ValueError: If an argument is none of these.
@@ -68,7 +68,7 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
         """Starts episode 0 of the seeds, or the next episode where none is given.
 
         Args:
-            seed: One for each environment, or a number ``s`` that stands for ``s, s + 1, ...``.
+            seed: A seed for each environment, or a number ``s`` that stands for ``s, s + 1, ...``.
             options: ``{"reset_mask": (num_envs,) bool}`` resets only some environments.
 
         Raises:
@@ -127,7 +127,7 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
         return self._stepper.observe(), rewards, terminated, truncated, info
 
     def _final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
-        """What the info of a step says about the episodes that it ended."""
+        """Entries of ``info`` about the episodes that a step has ended."""
         observations = np.full(self.num_envs, None, object)
         for i, observation in zip(np.flatnonzero(over), self._stepper.observe()[over], strict=True):
             observations[i] = observation
@@ -139,7 +139,7 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
         }
 
     def _info(self, lanes: NDArray[np.bool_], ending: NDArray[np.bool_] | None = None) -> dict[str, Any]:
-        """What is known of some environments, and of those whose episode ends, how to carry on."""
+        """``info`` of the chosen environments, with ``carry_on`` for those whose episode ends."""
         states = self._stepper.state()
         known = _masked({"state": self.task.hidden(states), **self.task.details(states)}, lanes)
         if ending is not None and ending.any():
@@ -150,7 +150,7 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
 
 
 def _masked(values: dict[str, NDArray[Any]], lanes: NDArray[np.bool_]) -> dict[str, Any]:
-    """Arrays as Gymnasium's vectors have them: 0 where nothing is known, and beside each where something is."""
+    """Arrays as Gymnasium's vectors have them: 0 where nothing is known, each with a mask ``_name`` beside it."""
     masked: dict[str, Any] = {}
     for name, array in values.items():
         masked[name] = array.copy()
@@ -160,21 +160,21 @@ def _masked(values: dict[str, NDArray[Any]], lanes: NDArray[np.bool_]) -> dict[s
 
 
 class MakesTask(Protocol):
-    """A scalar class that tells what it plays."""
+    """A scalar class that can make its task from arguments."""
 
     @classmethod
     def make_task(cls, *args: Any, **kwargs: Any) -> Task:
-        """The task that the class plays if it is given these arguments."""
+        """The task that the class plays with these arguments."""
 
 
 class VectorOf(KernelVectorEnv):
-    """Many environments of one class, which a subclass names.
+    """Many environments of one scalar class, which a subclass names in ``scalar``.
 
     Args:
         num_envs: How many environments.
         autoreset_mode: See :class:`KernelVectorEnv`.
         render_mode: None, for vectors are not drawn.
-        **arguments: Those of the scalar class that say what is played.
+        **arguments: Arguments of the scalar class's ``make_task``.
 
     Raises:
         ValueError: If an argument is none of these.

@@ -1,4 +1,4 @@
-"""What an agent sees, changed: the hidden state, its previous action or reward too, or only a part of it.
+"""Wrappers that change observations: the hidden state instead, the previous action or reward too, or a part only.
 
 Each wraps one environment, Gymnasium's own as well as ours, and gives flat vectors, as networks want them.
 """
@@ -21,10 +21,10 @@ Info: TypeAlias = dict[str, Any]
 
 
 class HiddenState(gym.Wrapper[Array, Any, Array, Any], RecordConstructorArgs):
-    """Makes the hidden state the observation, for a baseline that need neither remember nor infer anything.
+    """Makes the hidden state the observation, for an oracle that needs neither memory nor inference.
 
-    A numbered state becomes a one-hot vector (of 2 (N + 1) + 4 numbers in a T-maze), others stay what they
-    are; all in float32. The number itself is in ``info["state"]``, without this wrapper.
+    A numbered state becomes a one-hot vector (of 2 (N + 1) + 4 numbers in a T-maze), a vector stays a vector;
+    either is float32. The number itself is in ``info["state"]``, without this wrapper.
 
     Args:
         env: An environment that reports ``info["state"]`` and whose base has a ``state_space``.
@@ -58,7 +58,7 @@ class HiddenState(gym.Wrapper[Array, Any, Array, Any], RecordConstructorArgs):
 
 
 class _Appended(gym.Wrapper[Array, Any, Array, Any]):
-    """Appends something that is known after a step, and zero at the start, to a flat observation."""
+    """Appends numbers that a step determines to a flat observation; they are zero at the start."""
 
     def __init__(self, env: Env, low: ArrayLike, high: ArrayLike) -> None:
         super().__init__(env)

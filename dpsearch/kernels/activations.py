@@ -1,8 +1,8 @@
 """``exp``, ``sigmoid`` and ``tanh`` in the precision of their argument, for the units of a network.
 
-In double precision they are those of ``elementary.py``. In single precision, which is what torch trains in, half as
-many terms do, twice as many lanes fit into a register, and a division takes a third of the time: relative error below
-3e-7 (absolute, for ``tanh`` near 0, 2e-7), measured against NumPy in the tests.
+In double precision these are the functions of ``elementary.py``. In single precision, in which torch trains, half as
+many terms suffice, twice as many lanes fit into a register, and a division takes a third of the time. The relative
+error is then below 3e-7 (near 0, the absolute error of ``tanh`` is below 2e-7), measured against NumPy in the tests.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _SHIFT: Final = np.float32(1.5 * 2.0**23)  # adding it leaves a whole number in 
 _BIAS: Final = np.float32(127.0)
 _HALF, _ONE, _TWO = np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _E3, _E4, _E5, _E6, _E7 = (np.float32(1.0 / math.factorial(k)) for k in range(3, 8))
-_LEAST, _MOST = np.float32(-87.0), np.float32(88.0)  # of which the exponential is a normal number
-_FAR: Final = np.float32(10.0)  # where tanh is 1
+_LEAST, _MOST = np.float32(-87.0), np.float32(88.0)  # between these the exponential is a normal number
+_FAR: Final = np.float32(10.0)  # from here on tanh is 1
 
 
 @intrinsic

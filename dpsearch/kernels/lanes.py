@@ -26,7 +26,7 @@ LANES = 24
 """Episodes in a block: three AVX-512 registers of doubles, to hide latency, and little waste with batches of 20."""
 
 WIDTH = 8
-"""Kernels work on some multiple of so many lanes, the first ones: where few episodes are left, the rest is left out."""
+"""Kernels compute the first lanes of a block, a multiple of so many: with few episodes left, the others are skipped."""
 
 FASTMATH = {"contract", "nsz", "arcp"}
 """Freedom for the compiler that keeps infinities and NaN meaningful and never reorders a sum."""
@@ -50,15 +50,15 @@ FORWARD_SHARED = types.void(INTS, FLOATS, ROWS, ROWS, ROWS, ROWS, types.int64)
 """``forward(sizes, weights, observation, hidden, scratch, output, lanes)`` with one weight vector ``(P,)`` for all."""
 
 FORWARD_LANES = types.void(INTS, ROWS, ROWS, ROWS, ROWS, ROWS, types.int64)
-"""The same with weights ``(P, LANES)``: every lane its own candidate."""
+"""``forward`` with weights ``(P, LANES)``: every lane plays its own candidate."""
 
 FORWARD_SINGLE = types.void(INTS, SINGLES, ROWS, SINGLE_ROWS, SINGLE_ROWS, ROWS, types.int64)
-"""``FORWARD_SHARED`` in single precision: weights, what is hidden and scratch are float32."""
+"""``FORWARD_SHARED`` in single precision: weights, hidden state and scratch are float32."""
 
 SAMPLE = types.void(INTS, ROWS, ROWS, ROWS, types.int64)
 """``sample(sizes, noise, output, action, lanes)``: turns the outputs of a policy into actions.
 
-Only those of the first lanes mean anything.
+Only the actions of the first lanes are valid.
 """
 
 Compiled = Callable[..., Any]
@@ -66,15 +66,15 @@ Compiled = Callable[..., Any]
 
 @dataclass(frozen=True)
 class EnvKernel:
-    """The compiled dynamics of an environment: what an environment gives to be played by the lane engine.
+    """The compiled dynamics of an environment, which the lane engine and the Gymnasium classes play.
 
     Attributes:
         reset: Compiled function of signature ``RESET``.
         observe: Compiled function of signature ``OBSERVE``.
         step: Compiled function of signature ``STEP``. It must be safe on lanes whose episode has ended.
-        floats: Real parameters, ``(n,)`` float64, passed to all three.
-        ints: Whole parameters, ``(m,)`` int64, passed to all three.
-        state_size: Rows of ``state``. All of an episode's memory is there: kernels are pure functions.
+        floats: Real parameters of the three functions, ``(n,)`` float64.
+        ints: Integer parameters of the three functions, ``(m,)`` int64.
+        state_size: Rows of ``state``, which holds all of an episode's memory: kernels are pure functions.
         observation_size: Rows of ``observation``, the length of the flat observation.
         action_size: Rows of ``action``: 1 for a discrete action, the dimension for a continuous one.
         draws: Uniform numbers in (0, 1) that ``reset`` and ``step`` each find in a lane's column of ``noise``, which
@@ -94,14 +94,14 @@ class EnvKernel:
 
 @cache
 def address_of(function: Compiled, signature: Any) -> int:
-    """Where a compiled function is, for ``function_at``. It stays there, as the cache holds on to the function."""
+    """Address of a compiled function, for ``function_at``; it stays valid, for the cache keeps the function alive."""
     compiled = function.get_compile_result(signature)  # type: ignore[attr-defined]
     address: int = CompileResultWAP(compiled).__wrapper_address__()
     return address
 
 
 def function_at(signature: Any) -> Compiled:
-    """What turns an address, in compiled code, into the first-class function of a signature that is there.
+    """A compiled function that turns an address into the first-class function of this signature.
 
     Compiled code takes first-class functions as arguments too, but to unpack five of them takes Numba as long as to
     play a small batch of episodes; unpacking numbers takes next to nothing.
@@ -121,7 +121,7 @@ def function_at(signature: Any) -> Compiled:
 
 
 def lanes_in_use(episodes: int) -> int:
-    """How many lanes of a block kernels have to work on, of which so many episodes are in the first lanes."""
+    """Number of lanes that kernels must compute for so many episodes in a block: a multiple of ``WIDTH``."""
     return min(WIDTH * -(-episodes // WIDTH), LANES)
 
 

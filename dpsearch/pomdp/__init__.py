@@ -1,4 +1,4 @@
-"""Finite POMDPs: the model, how it is played, what can be believed of its hidden state, its file format, its solvers.
+"""Finite POMDPs: the model, its dynamics, beliefs about its hidden state, its file format, its solvers.
 
 ::
 

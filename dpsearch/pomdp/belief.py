@@ -1,4 +1,4 @@
-"""What can be known of the hidden state of a finite POMDP from all that was seen and done: Bayes' rule, exactly."""
+"""Beliefs in a finite POMDP: the exact probability of each hidden state after all that was seen and done (Bayes)."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ class BeliefFilter:
     def update(
         self, beliefs: NDArray[np.float64], actions: ArrayLike, symbols: ArrayLike, ended: ArrayLike | None = None
     ) -> NDArray[np.float64]:
-        """The beliefs after an action and what was seen then.
+        """The beliefs after one more action and the symbol that followed.
 
         Args:
-            beliefs: ``(N, S)`` before.
-            actions: ``(N,)`` taken.
-            symbols: ``(N,)`` seen on arrival.
-            ended: ``(N,)`` bool, whether the episode ended there, which is knowledge too; None if that is not known.
+            beliefs: Beliefs before the action, ``(N, S)``.
+            actions: Actions taken, ``(N,)``.
+            symbols: Symbols seen on arrival, ``(N,)``.
+            ended: Whether each episode ended there, ``(N,)`` bool, which is evidence too; None if it is not known.
 
         Returns:
-            ``(N, S)``.
+            Beliefs after the action, ``(N, S)``.
 
         Raises:
-            ValueError: If a symbol cannot be seen there, or the episode cannot have ended or gone on.
+            ValueError: If a symbol is impossible after its action, or the episode cannot have ended or gone on.
         """
         chosen, seen = np.asarray(actions), np.asarray(symbols)
         arriving = np.empty_like(beliefs)
-        for action in np.unique(chosen):  # one product for all that did the same
+        for action in np.unique(chosen):  # one product for all episodes with the same action
             rows = chosen == action
             arriving[rows] = beliefs[rows] @ self._moves[action]
         joint = arriving * self._seen[chosen, :, seen]

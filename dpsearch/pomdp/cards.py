@@ -1,4 +1,4 @@
-"""What drawings of finite POMDPs have in common: the cards, a line of text, beliefs as percentages."""
+"""Parts that drawings of finite POMDPs share: the cards, a line of text, beliefs as percentages."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from dpsearch.pomdp.env import Moment
 
 
 def cards(moment: Moment, sees: Icon | None = None, did: Icon | None = None, digits: int = 2) -> list[Card]:
-    """What the agent knows and has earned.
+    """Cards with the observation, the last action, the step and the return.
 
     Args:
-        moment: What is drawn.
-        sees: A pictogram of what the agent sees.
-        did: A pictogram of what it did last.
+        moment: The moment to draw.
+        sees: Pictogram of the observation.
+        did: Pictogram of the last action.
         digits: Decimal places of rewards.
     """
     return [
@@ -31,7 +31,7 @@ def cards(moment: Moment, sees: Icon | None = None, did: Icon | None = None, dig
 
 
 def seen(moment: Moment) -> str:
-    """What the agent sees, to be put after that verb."""
+    """The observation in words, without a leading "sees"."""
     return moment.sees.removeprefix("sees ")
 
 
@@ -51,7 +51,7 @@ def status(moment: Moment, digits: int = 2) -> str:
 
 
 def percent(probability: float) -> str:
-    """A probability to be read at a glance; nothing else than certainty is called 0% or 100%."""
+    """A probability in percent, rounded; only what is certain is called 0% or 100%."""
     rounded = f"{100 * probability:.0f}%"
     if rounded == "0%" and probability > 0:
         return "<1%"
@@ -69,7 +69,7 @@ def bar(
 
 
 def likely(names: Sequence[str], belief: NDArray[np.float64], most: int = 8) -> str:
-    """What may be the case and how probable it is, the most probable first."""
+    """Names and probabilities of what is possible, the most probable first."""
     order = [i for i in np.argsort(-belief, kind="stable") if belief[i] > 0]
     shown = [f"{names[i]} {belief[i]:.1%}" for i in order[:most]]
     if len(order) > most:

@@ -1,4 +1,4 @@
-"""Many probability distributions over one finite set, most of whose probabilities are zero."""
+"""Sparse tables of probability distributions over one finite set."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Distributions:
     A row may name the same column twice: the probabilities add up.
 
     Attributes:
-        starts: Where each row begins, and the end of the last, ``(n_rows + 1,)`` int64.
-        columns: Which outcome an entry stands for, ``(n_entries,)`` int64.
-        probabilities: How likely it is, ``(n_entries,)`` float64.
+        starts: First entry of each row, and the end of the last row, ``(n_rows + 1,)`` int64.
+        columns: Outcome of each entry, ``(n_entries,)`` int64.
+        probabilities: Probability of each entry, ``(n_entries,)`` float64.
         n_columns: Number of outcomes.
     """
 
@@ -80,8 +80,8 @@ class Distributions:
         """Makes sure that every row is a probability distribution.
 
         Args:
-            name: What the columns are, for the message: "next state".
-            describe: What row ``i`` is, for the message: "state 3, action 1".
+            name: Word for a column in the error message: "next state".
+            describe: Words for row ``i`` in the error message: "state 3, action 1".
 
         Raises:
             ValueError: If a row is empty or does not sum to 1, a column is out of range or a probability is
@@ -119,7 +119,7 @@ def by_row(rows: NDArray[np.int64], probabilities: NDArray[np.float64]) -> NDArr
 
 
 def row_starts(sorted_rows: NDArray[np.int64], n_rows: int) -> NDArray[np.int64]:
-    """Where each row begins among entries sorted by row, ``(n_rows + 1,)``.
+    """First entry of each row among entries sorted by row, and the end of the last row, ``(n_rows + 1,)``.
 
     Raises:
         ValueError: If a row is outside ``[0, n_rows)``.
@@ -132,6 +132,6 @@ def row_starts(sorted_rows: NDArray[np.int64], n_rows: int) -> NDArray[np.int64]
 
 
 def expanded(first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The numbers ``first .. first + count - 1`` of every pair, and which pair each is from."""
+    """The numbers ``first .. first + count - 1`` of all pairs (first, count), and the index of each one's pair."""
     pair = np.repeat(np.arange(len(count)), count)
     return first[pair] + np.arange(len(pair)) - (np.cumsum(count) - count)[pair], pair

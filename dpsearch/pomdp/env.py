@@ -1,4 +1,4 @@
-"""A finite POMDP as a scalar Gymnasium environment, and all that a drawing of it may show."""
+"""A finite POMDP as a scalar Gymnasium environment, and the moment that its drawings show."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from dpsearch.pomdp.model import TabularPOMDP
 from dpsearch.pomdp.task import TabularTask
 
 REVEALED = ("state", "belief", "nothing")
-"""What drawings may show beside what the agent sees: where it really is; what it could infer as well; or nothing."""
+"""What drawings show besides the observation: the hidden state; the state and the exact belief; or nothing."""
 MOST_BELIEVED = 5000
 """States of the largest model for which beliefs can be shown: the tables for Bayes' rule grow with their square."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """All that is drawn of a finite POMDP.
+    """The present moment of a finite POMDP, as drawings need it.
 
     Attributes:
         pomdp: The model.
         state: The hidden state.
-        symbol: What the agent sees.
+        symbol: The observation symbol.
         reveal: Which of ``REVEALED`` the spectator is shown.
-        belief: Probability of each state by all that was seen and done, ``(S,)``; None unless revealed.
+        belief: Probability of each state given all observations and actions, ``(S,)``; None unless revealed.
         last_state: The hidden state before the last action; None at the start of an episode.
-        last_action: Likewise.
-        last_reward: Likewise.
+        last_action: The last action; None at the start of an episode.
+        last_reward: The last reward; None at the start of an episode.
         step: Steps so far.
         max_steps: Steps at which the episode is cut off.
         episode_return: Sum of rewards so far.
@@ -61,12 +61,12 @@ class Moment:
 
     @property
     def inputs(self) -> tuple[float, ...]:
-        """The numbers that the agent receives."""
+        """The features of the present symbol, which the agent receives."""
         return tuple(self.pomdp.features[self.symbol].tolist())
 
     @property
     def sees(self) -> str:
-        """Name of what the agent sees."""
+        """Name of the present symbol."""
         return _name(self.pomdp.observation_names, self.symbol)
 
     @property
@@ -76,17 +76,17 @@ class Moment:
 
 
 class TabularEnv(KernelEnv):
-    """One finite POMDP.
+    """A finite POMDP as an environment.
 
     Args:
-        task: What to play.
+        task: The task to play.
         render_mode: One of ``metadata["render_modes"]``, or None.
-        reveal: What drawings show: "state", where the agent really is; "belief", what it could infer as well, by
-            Bayes' rule; "nothing" but what it sees itself.
+        reveal: What drawings show besides the observation: "state", the hidden state; "belief", the exact belief as
+            well; or "nothing".
 
     Attributes:
-        pomdp: The task as tables.
-        reveal: What drawings show.
+        pomdp: The model.
+        reveal: What drawings show besides the observation.
 
     Raises:
         ValueError: If an argument is none of these.
@@ -104,7 +104,7 @@ class TabularEnv(KernelEnv):
         super().__init__(task, render_mode)
         self.pomdp = task.pomdp
         self.reveal = reveal
-        self._state: int | None = None  # the present one, and that before
+        self._state: int | None = None  # the present state, and the one before
         self._last_state: int | None = None
         drawn = render_mode is not None and reveal == "belief"
         self._filter = BeliefFilter(task.pomdp) if drawn else None
@@ -121,11 +121,11 @@ class TabularEnv(KernelEnv):
         if self._belief is None or self.last_action is None:
             self._belief = self._filter.start([symbol])
             return
-        ended = [self.pomdp.terminal[state]]  # that is no secret
+        ended = [self.pomdp.terminal[state]]  # the agent knows when its episode ends
         self._belief = self._filter.update(self._belief, [int(self.last_action)], [symbol], ended)
 
     def moment(self) -> Moment:
-        """What there is to be seen of the present moment, in an environment that has a render mode."""
+        """The present moment, for drawings; the environment must have a render mode."""
         state, symbol = (int(value) for value in self.kernel_state())
         return Moment(
             pomdp=self.pomdp,

@@ -1,4 +1,4 @@
-"""Mazes on a grid, read from a drawing: which cells there are, and which ways lead from one to another."""
+"""Mazes on a grid, read from a drawing: its cells and the ways between them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Grid:
     """The cells of a maze, C in number, and the walls between them.
 
     Attributes:
-        cells: Where each cell lies. Plain ones come first, then marked ones, either in the order of reading.
+        cells: Row and column of each cell. Plain cells come first, then marked ones, each in the order of reading.
         marks: The character that each cell is drawn with.
         walls: Whether there is a wall in each of ``DIRECTIONS``, ``(C, 4)`` bool.
         neighbours: The cell in each direction, ``(C, 4)``; the cell itself where there is a wall.
@@ -54,7 +54,7 @@ class Grid:
 
 
 def walls_seen(sides: Sequence[str], walls: Iterable[bool]) -> str:
-    """In words: "no walls", "wall north", "walls north, west"."""
+    """Walls in words: "no walls", "wall north", "walls north, west"."""
     there = [side for side, wall in zip(sides, walls, strict=True) if wall]
     if not there:
         return "no walls"

@@ -1,7 +1,7 @@
 """The kernel that all finite POMDPs share: their tables are its data.
 
-A state has two rows: the number of the hidden state, and that of the symbol that the agent sees in it now.
-Each step takes two uniforms, one for the transition and one for the observation, random or not.
+A lane's state has two rows: the number of the hidden state, and the number of the symbol that the agent sees now.
+Each step takes two uniforms, one for the transition and one for the observation, even where nothing is random.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _HEAD = 13
 
 @njit(inline="always")
 def _at(table, index):
-    """``table[index]`` without Numba's test for negative indices, which is half of the work here."""
+    """``table[index]`` without Numba's test for negative indices, which would double the work here."""
     return table[np.uint64(index)]
 
 

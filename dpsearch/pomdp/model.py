@@ -20,7 +20,8 @@ from dpsearch.pomdp.distributions import Distributions, by_row, row_starts
 class TabularPOMDP:
     """A finite partially observable Markov decision process, sparse.
 
-    Most models are built with :meth:`from_entries` or :meth:`from_dense`, or read by ``file_format.reader``.
+    Most models are built with :meth:`from_entries` or :meth:`from_dense`, or read from a file by
+    :func:`dpsearch.pomdp.read_pomdp_file`.
 
     Attributes:
         start: Distribution of the start state: one row over S states.
@@ -28,9 +29,9 @@ class TabularPOMDP:
             where it is: the rows of terminal states lead back to themselves.
         rewards: Reward of each entry of ``transitions``, ``(n_entries,)``; 0 in terminal states.
         observations: The pool of distributions over Z symbols.
-        observation_row: Which of the pool holds on arriving in a state by an action, ``(S, A)``.
-        first_observation_row: Which of the pool holds in a start state, before the first action, ``(S,)``.
-        features: What the policy receives for each symbol, ``(Z, O)``.
+        observation_row: Row of the pool for arriving in a state by an action, ``(S, A)``.
+        first_observation_row: Row of the pool for a start state, before the first action, ``(S,)``.
+        features: Input of the policy for each symbol, ``(Z, O)``.
         terminal: Whether the episode ends on arriving in a state, ``(S,)`` bool.
         discount: Factor by which rewards lose value from step to step, in [0, 1].
         state_names: Names of the states, or nothing.
@@ -38,7 +39,7 @@ class TabularPOMDP:
         observation_names: Names of the symbols, or nothing.
 
     Raises:
-        ValueError: If something does not fit, with the first thing that does not.
+        ValueError: If a table does not fit; the message names the first fault.
     """
 
     start: Distributions
@@ -92,7 +93,7 @@ class TabularPOMDP:
                 raise ValueError(f"{name} must have {count} names or none, got {len(names)}")
 
     def _first_use(self, row: int) -> str:
-        """Where a row of the pool of observations is used, for messages."""
+        """A place where a row of the pool of observations is used, in words for error messages."""
         for state, action in np.argwhere(self.observation_row == row):
             return f"state {state}, action {action}"
         return f"state {np.argmax(self.first_observation_row == row)} at the start"
@@ -138,18 +139,18 @@ class TabularPOMDP:
             next_states: Next state of each entry.
             probabilities: Probability of each entry.
             rewards: Reward of each entry.
-            terminal: Indices of the states that end the episode. What the entries say of these is replaced.
+            terminal: Indices of the states that end the episode. Entries that begin in them are ignored.
             observations: The pool of distributions over Z symbols.
             observation_row: Row of the pool for each state and action, broadcast to ``(S, A)``.
             first_observation_row: Row of the pool for each state at the start, broadcast to ``(S,)``.
-            features: What the policy receives for each symbol, ``(Z, O)``; one-hot by default.
-            discount: See the class.
-            state_names: See the class.
-            action_names: See the class.
-            observation_names: See the class.
+            features: Input of the policy for each symbol, ``(Z, O)``; one-hot by default.
+            discount: Factor by which rewards lose value from step to step, in [0, 1].
+            state_names: Names of the states, or nothing.
+            action_names: Names of the actions, or nothing.
+            observation_names: Names of the symbols, or nothing.
 
         Raises:
-            ValueError: If something does not fit, with the first thing that does not.
+            ValueError: If a table does not fit; the message names the first fault.
         """
         n_states, n_actions = shape
         ended = np.asarray(terminal, np.int64)
@@ -197,15 +198,15 @@ class TabularPOMDP:
             start: Probability of each start state, ``(S,)``.
             first_observation: Probability of each symbol before the first action, broadcast to ``(S, Z)``. By
                 default nothing is seen then: a symbol is added whose features are all zero.
-            features: What the policy receives for each symbol, ``(Z, O)``; one-hot by default.
+            features: Input of the policy for each symbol, ``(Z, O)``; one-hot by default.
             terminal: Indices of the states that end the episode.
-            discount: See the class.
-            state_names: See the class.
-            action_names: See the class.
-            observation_names: See the class.
+            discount: Factor by which rewards lose value from step to step, in [0, 1].
+            state_names: Names of the states, or nothing.
+            action_names: Names of the actions, or nothing.
+            observation_names: Names of the symbols, or nothing.
 
         Raises:
-            ValueError: If something does not fit, with the first thing that does not.
+            ValueError: If a table does not fit; the message names the first fault.
         """
         moves, seen = np.asarray(transitions, np.float64), np.asarray(observations, np.float64)
         if moves.ndim != 3 or moves.shape[1] != moves.shape[2]:

@@ -1,4 +1,4 @@
-"""A finite POMDP as a task: what the Gymnasium classes of ``env_kit`` play."""
+"""A finite POMDP as a task, which the Gymnasium classes of ``env_kit`` play."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dpsearch.pomdp.model import TabularPOMDP
 
 @dataclass(frozen=True, kw_only=True)
 class TabularTask(Task):
-    """A finite POMDP as a task.
+    """The task of playing a finite POMDP.
 
     Attributes:
         pomdp: The model.
@@ -37,7 +37,7 @@ def tabular_task(pomdp: TabularPOMDP, max_episode_steps: int, reward_threshold: 
     Args:
         pomdp: The model.
         max_episode_steps: Steps after which an episode is cut off.
-        reward_threshold: Mean return that counts as solved, if any does.
+        reward_threshold: Mean return that counts as solved; None if none does.
     """
     low, high = np.float32(pomdp.features.min()), np.float32(pomdp.features.max())
     return TabularTask(

@@ -1,4 +1,4 @@
-"""What comes out of many runs: statistics, tables and figures."""
+"""Results of many runs: statistics, tables, figures and the pages that hold them."""
 
 from dpsearch.report.statistics import bootstrap_interval, success_interval
 from dpsearch.report.tables import Row, Section, Table

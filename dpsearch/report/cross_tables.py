@@ -12,14 +12,14 @@ Key = tuple[str, str]  # line and column
 
 @dataclass(frozen=True)
 class Grid(Table):
-    """A table whose lines and columns are what its rows say they are.
+    """A table whose rows say in which line and column they stand.
 
     A cell holds the number of its metric, with its spread and interval, and how many runs it is over, unless it is
     over all. A column is followed by the thesis's where that has numbers.
 
     Attributes:
-        line: In which line a row stands.
-        column: In which column.
+        line: Function from a row to the heading of its line.
+        column: Function from a row to the heading of its column.
         corner: Heading of the first column.
     """
 

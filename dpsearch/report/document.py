@@ -1,4 +1,4 @@
-"""Pages of results that are no rows of runs: a table of formulas, the course of one search."""
+"""Pages of results: Markdown for people, JSON for machines."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class Document:
     """A page, written as JSON for machines and Markdown for people.
 
     Attributes:
-        name: Its name, and the stem of its files' names.
-        title: One line.
+        name: Name of the page, and the stem of its files' names.
+        title: Title of the page, one line.
         text: The page, in Markdown.
         content: The results for machines.
-        command: What computes them again.
-        versions: Of all that they depend on.
-        machine: What computed them.
-        figure: Whether it has one.
+        command: Command line that computes the results again.
+        versions: Versions of all that the results depend on.
+        machine: The machine that computed the results.
+        figure: Whether the page has a figure.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""How figures look: colours that all eyes tell apart, bands for intervals, hollow marks for what others report."""
+"""The look of figures: colours that all eyes tell apart, bands for intervals, hollow marks for what others report."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ STYLE: Any = {  # matplotlib's releases disagree about its type
 def figure(
     path: Path, heights: Sequence[float], *, columns: int = 1, size: tuple[float, float]
 ) -> Iterator[NDArray[np.object_]]:
-    """A figure with panels, written to a file at the end.
+    """Context of a figure with panels, which is written to a file at the end.
 
     Args:
         path: The file.
@@ -68,11 +68,11 @@ def curve(axes: Axes, x: Sequence[float], rows: Sequence[Row], number: int, labe
     """Means, joined by a line, in a band that shows their intervals.
 
     Args:
-        axes: Where.
-        x: ``(N,)``.
-        rows: ``(N,)``; those without a mean are left out.
-        number: Which colour and marker.
-        label: For the legend.
+        axes: Panel to draw in.
+        x: Horizontal positions, ``(N,)``.
+        rows: Rows of results, ``(N,)``; those without a mean are left out.
+        number: Number of the colour and marker.
+        label: Text in the legend.
     """
     points = [
         (at, row.mean, *_interval(row, row.mean)) for at, row in zip(x, rows, strict=True) if row.mean is not None
@@ -86,10 +86,10 @@ def curve(axes: Axes, x: Sequence[float], rows: Sequence[Row], number: int, labe
 
 
 def dots(axes: Axes, rows: Sequence[tuple[str, Row | None, str]]) -> None:
-    """Medians with their intervals, one below the other; what others report is hollow and grey.
+    """Medians with their intervals, one below the other; results that others report are hollow and grey.
 
     Args:
-        axes: Where.
+        axes: Panel to draw in.
         rows: Label, row and colour of each line, from top to bottom.
     """
     for place, (_, row, colour) in enumerate(rows):
@@ -116,11 +116,11 @@ def dots(axes: Axes, rows: Sequence[tuple[str, Row | None, str]]) -> None:
 
 
 def bars(axes: Axes, rows: Sequence[tuple[str, float, str | None]]) -> None:
-    """Horizontal bars that say how long they are, hatched where others report it.
+    """Horizontal bars labelled with their lengths, hatched for results that others report.
 
     Args:
-        axes: Where.
-        rows: Label, length and colour of each bar, from top to bottom; no colour if it is reported.
+        axes: Panel to draw in.
+        rows: Label, length and colour of each bar, from top to bottom; None as colour if others report it.
     """
     for place, (_, length, colour) in enumerate(rows):
         hatch, face, edge = ("////", "none", GREY) if colour is None else (None, colour, colour)

@@ -55,14 +55,14 @@ def balanced_starts(
         env: Id or class of a task of balancing poles.
         steps: How long the poles must stay up, at most 100,000.
         greedy: Take the most probable action instead of a random one.
-        threads: Results do not depend on it.
+        threads: Number of threads; results do not depend on it.
         **env_kwargs: Arguments of the environment, apart from ``reward``, ``start_state`` and ``max_episode_steps``.
 
     Returns:
         ``(625,)``, in the order of ``dpsearch.envs.poles.env.generalisation_starts``.
 
     Raises:
-        ValueError: If it is another task, an argument is out of range, or the policy does not fit.
+        ValueError: If the task is not pole balancing, an argument is out of range, or the policy does not fit.
         TypeError: If the environment does not know an argument.
     """
     from dpsearch.envs.poles.env import GENERALISATION, generalisation_starts

@@ -1,4 +1,4 @@
-"""Where numbers come from: the command, and the machine."""
+"""The provenance of numbers: the command and the machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def command(script: str, arguments: Sequence[str]) -> str:
-    """What to type in the checkout to compute the numbers again."""
+    """The command line that computes the numbers again, in a checkout."""
     return shlex.join(["python", script, *arguments])
 
 

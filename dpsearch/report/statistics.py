@@ -1,4 +1,4 @@
-"""How sure one may be of a number that came out of a handful of runs."""
+"""Confidence intervals of numbers that come from a handful of runs."""
 
 from __future__ import annotations
 

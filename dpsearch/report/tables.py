@@ -23,17 +23,18 @@ class Row:
     """One metric of one method on one task.
 
     Attributes:
-        task: What had to be learned.
-        method: What learned it.
-        network: Its architecture.
-        metric: What the numbers count.
-        runs: Runs behind the numbers; None if they are reported by others.
-        solved: Runs that succeeded. Numbers other than the success rate are over these, as in the thesis.
-        mean: Of the runs.
-        std: Standard deviation, of a sample.
-        median: Of the runs.
-        ci_low: Lower end of the 95% interval; of a reported row, of the range that is given.
-        ci_high: Upper end.
+        task: Name of the task.
+        method: Name of the method.
+        network: Architecture of the network.
+        metric: Name of the metric.
+        runs: Number of runs; None if others report the numbers.
+        solved: Number of runs that succeeded. As in the thesis, only the success rate is over all runs, other
+            numbers are over these.
+        mean: Mean of the runs.
+        std: Standard deviation of the sample of runs.
+        median: Median of the runs.
+        ci_low: Lower end of the 95% interval, or of the range that others report.
+        ci_high: Upper end of the 95% interval, or of the range that others report.
         thesis: The thesis's number.
     """
 
@@ -51,7 +52,7 @@ class Row:
     thesis: float | None = None
 
     def with_values(self, values: Sequence[float], statistic: Statistic) -> Self:
-        """This row with what one value for each run that succeeded comes to; the interval is of the statistic."""
+        """This row with mean, median and deviation of values, one for each success; the statistic has the interval."""
         low, high = bootstrap_interval(values, statistic) or (None, None)
         return replace(
             self,
@@ -70,7 +71,7 @@ class Row:
         return replace(self, solved=solved, mean=solved / self.runs, ci_low=low, ci_high=high)
 
     def with_report(self, low: float, high: float | None) -> Self:
-        """This row with what others report: a range, one number twice, or no success by ``low`` if ``high`` is None."""
+        """This row with numbers that others report: a range, one number twice, or no success by ``low`` (``high`` None)."""
         if high is None:
             return replace(self, solved=0, ci_low=low)
         if low == high:
@@ -80,10 +81,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Section:
-    """Rows that stand together.
+    """A section of a table: rows under one heading.
 
     Attributes:
-        heading: Their heading.
+        heading: Heading of the section.
         rows: The rows; those of one task, method and network share a line of the table.
     """
 
@@ -96,16 +97,16 @@ class Table:
     """The results of one experiment.
 
     Attributes:
-        name: Its name, and the stem of its files' names.
-        title: One line.
-        text: What the numbers are.
-        command: What computes them again.
-        versions: Of all that they depend on.
-        machine: What core-seconds are seconds of.
-        words: For each metric, the heading of its column, in the order of the columns.
-        statistic: What the intervals are of.
-        sections: The rows.
-        extra: What the JSON holds besides the rows.
+        name: Name of the experiment, and the stem of its files' names.
+        title: Title of the page, one line.
+        text: Explanation of the numbers, in Markdown.
+        command: Command line that computes the numbers again.
+        versions: Versions of all that the numbers depend on.
+        machine: Machine that computed the numbers, on which core-seconds were counted.
+        words: Heading of each metric's column, in the order of the columns.
+        statistic: Statistic that has the intervals: "mean" or "median".
+        sections: Sections of rows.
+        extra: Further contents of the JSON file.
     """
 
     name: str
@@ -125,7 +126,7 @@ class Table:
         return [row for section in self.sections for row in section.rows]
 
     def document(self) -> Document:
-        """The page."""
+        """The page with this table."""
         sections = [f"## {section.heading}\n\n{self._lines(section.rows)}" for section in self.sections]
         rows = [asdict(row) for row in self.rows]
         return Document(

@@ -1,4 +1,4 @@
-"""A run's directory: what lies where, and how a run is begun and found again."""
+"""A run's directory: the names of its files, and how a run is begun and found again."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ class RunDirectory:
     """One run's directory.
 
     Attributes:
-        path: Where it is.
+        path: Path of the directory.
     """
 
     path: Path
 
     @property
     def checkpoint(self) -> Path:
-        """Everything that the rest of the run depends on."""
+        """File with everything that the rest of the run depends on."""
         return self.path / "checkpoint.pt"
 
     @property
     def policy(self) -> Path:
-        """The policy, to act with."""
+        """File with the policy, for acting."""
         return self.path / "policy.pt"
 
     @property
     def metrics(self) -> Path:
-        """One line of JSON an update."""
+        """File with one line of JSON for each update."""
         return self.path / "metrics.jsonl"
 
     @property
     def summary(self) -> Path:
-        """What came out, once the run is finished."""
+        """File with the results of a finished run."""
         return self.path / "summary.json"
 
     @property
     def config(self) -> Path:
-        """The run's configuration. There is a run here from the moment this file is."""
+        """File with the run's configuration; as soon as it exists, the directory holds a run."""
         return self.path / ".hydra" / "config.yaml"
 
     @property
     def has_begun(self) -> bool:
-        """Whether anything was learned yet that must not be lost."""
+        """Whether the run has learned anything yet."""
         return self.checkpoint.exists() or (self.metrics.exists() and self.metrics.stat().st_size > 0)
 
     @classmethod
@@ -61,14 +61,14 @@ class RunDirectory:
         return cls(next(name for name in names if not name.exists()))
 
     def begin(self, config: DictConfig, hydra: Any) -> None:
-        """Make the directory, and note there what is to be run, as Hydra does.
+        """Make the directory, and write the configuration there, as Hydra does.
 
         Args:
-            config: The configuration.
-            hydra: Hydra's own.
+            config: Configuration of the run.
+            hydra: Configuration of Hydra itself.
 
         Raises:
-            RunError: If it holds a run already, or cannot be written.
+            RunError: If the directory holds a run already, or cannot be written.
         """
         if self.config.exists() or self.checkpoint.exists():
             raise RunError(f"{self.path} already holds a run: give resume={self.path}, or another run_dir")
@@ -101,11 +101,11 @@ class RunDirectory:
             raise RunError(f"cannot read {self.config.parent}: {type(error).__name__}") from error
 
     def write_config(self, config: DictConfig) -> None:
-        """Note the configuration."""
+        """Write the configuration."""
         _write(self.config, OmegaConf.to_yaml(config, resolve=True))
 
     def write_summary(self, summary: dict[str, Any]) -> None:
-        """Note what came out.
+        """Write the results of the run.
 
         Raises:
             RunError: If a number is NaN or infinite, which JSON does not know.

@@ -1,5 +1,5 @@
-"""The error that is the user's to mend."""
+"""The error of a request that cannot be met, which the user can mend."""
 
 
 class RunError(RuntimeError):
-    """What was asked for cannot be done; the message says why in one line."""
+    """The request cannot be met; the message says why in one line."""

@@ -8,10 +8,10 @@ from typing import Any
 
 
 class Interruption:
-    """While it is entered, a SIGINT or SIGTERM is only noted; a second one ends the process at once.
+    """A context in which a first SIGINT or SIGTERM is only noted; a second one ends the process at once.
 
     Attributes:
-        signal: The one that came, if any.
+        signal: The signal that came; None so far.
     """
 
     def __init__(self) -> None:

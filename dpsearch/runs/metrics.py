@@ -12,17 +12,17 @@ from dpsearch.runs.errors import RunError
 
 
 class MetricsFile:
-    """The metrics of a run that is under way, of which there is only one at a time.
+    """The metrics file of a run under way; one process at a time may write it.
 
     Args:
         path: The file.
-        updates: Updates whose lines are kept; what follows is cut off.
+        updates: Number of updates whose lines are kept; later lines are cut off.
 
     Attributes:
-        last: The last line that was kept, empty if none was.
+        last: The last kept line; empty if none was kept.
 
     Raises:
-        RunError: If fewer lines are there, or another process is writing to the file.
+        RunError: If the file has fewer lines than ``updates``, or another process is writing to the file.
     """
 
     def __init__(self, path: Path, updates: int) -> None:
@@ -46,7 +46,7 @@ class MetricsFile:
         return last
 
     def add(self, row: dict[str, float]) -> None:
-        """Append one update's line; it reaches the disk sooner or later."""
+        """Append one update's line; a kill before ``flush`` may lose it."""
         self._file.write(json.dumps(row).encode() + b"\n")
 
     def flush(self) -> None:
@@ -59,7 +59,7 @@ class MetricsFile:
         os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Write what is left, and let others write."""
+        """Write all remaining lines, and release the file for other processes."""
         self._file.close()
 
 

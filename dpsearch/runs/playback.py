@@ -1,4 +1,4 @@
-"""Watching a policy: in a window, as an animated GIF, or as a video."""
+"""Playing episodes of a policy to watch: in a window, as an animated GIF, or as a video."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def play_episode(
     """Play one episode; returns its return and its number of steps.
 
     Args:
-        env: Where. If it is to be filmed, its render mode is "rgb_array".
-        runner: Who acts.
-        seed: What the environment is reset with.
-        film: Takes a frame of the start and of every step, and more of the end.
-        max_steps: Leave it unfinished after so many steps.
+        env: The environment; to be filmed, it needs the render mode "rgb_array".
+        runner: The policy that acts.
+        seed: Seed of the environment's reset.
+        film: File for frames: one of the start and of every step, and several of the end. None films nothing.
+        max_steps: Number of steps after which the episode is left unfinished.
     """
     flatten = flattener(env.observation_space)
     observation, _ = env.reset(seed=seed)
@@ -73,7 +73,7 @@ class Gif:
 
     Args:
         path: The file.
-        frames_per_second: How fast; viewers go no faster than 50.
+        frames_per_second: Speed; viewers go no faster than 50.
 
     Raises:
         RunError: If the file cannot be written.
@@ -98,11 +98,11 @@ class Gif:
 
 
 class Video:
-    """A video, in the format that the file's name says.
+    """A video in the format of the file's extension.
 
     Args:
         path: The file.
-        frames_per_second: How fast.
+        frames_per_second: Speed.
 
     Raises:
         RunError: If the file cannot be written, or imageio or ffmpeg is missing or knows no such format.
@@ -134,7 +134,7 @@ class Video:
 
 
 def _claim(path: Path) -> None:
-    """Find out now, rather than after the last episode, whether a file can be written."""
+    """Make sure before the first episode, not after the last, that a file can be written."""
     try:
         path.touch()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""``policy.pt``: a policy's weights, its architecture and its environment, which is all that acting takes."""
+"""``policy.pt``: a policy's weights, its architecture and its environment: all that is needed to act."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def load_policy(path: str | PathLike[str]) -> tuple[RecurrentPolicy, EnvRecipe]:
 
     Raises:
         CheckpointError: If there is no such file, it is truncated or corrupt, or it is a run's checkpoint instead.
-        RunError: If the environment cannot be made here.
+        RunError: If the environment cannot be made on this machine.
     """
     content = read_checkpoint(path)
     if not {"architecture", "deterministic", "weights", "env"} <= content.keys():

@@ -1,4 +1,4 @@
-"""How far a run is: a bar on a terminal, else a line now and then."""
+"""The progress of a run: a bar on a terminal, else a line now and then."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Progress:
     """Shows steps, steps per second, return and time left on stderr.
 
     Args:
-        algorithm: Whose progress.
-        limits: When it will be over at the latest.
-        show: False shows nothing.
+        algorithm: The algorithm that learns.
+        limits: Limits of the run.
+        show: Whether to show anything.
     """
 
     def __init__(self, algorithm: Algorithm[Any], limits: Limits, *, show: bool = True) -> None:
@@ -45,10 +45,10 @@ class Progress:
         )
 
     def update(self, now: float) -> None:
-        """Show how things are.
+        """Show the present progress.
 
         Args:
-            now: What ``perf_counter`` says.
+            now: Time by ``perf_counter`` (s).
         """
         if not self._bar.disable:
             steps, fraction = self._algorithm.env_steps, self._limits.fraction(self._algorithm)
@@ -60,7 +60,7 @@ class Progress:
             print(self._line(now - self._start), file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Leave the bar as it is."""
+        """End the bar, and leave it on the screen."""
         self._bar.close()
 
     def _line(self, elapsed: float) -> str:

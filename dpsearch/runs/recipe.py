@@ -1,4 +1,4 @@
-"""How a run makes its environment: a recipe of plain values, which a checkpoint can hold."""
+"""The recipe by which a run makes its environment: plain values, which a checkpoint can hold."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from dpsearch.runs.errors import RunError
 
 @dataclass(frozen=True)
 class EnvRecipe:
-    """How to make an environment.
+    """A recipe for an environment.
 
     Attributes:
-        id: Gymnasium's id; what precedes a colon is a module to import first.
+        id: Gymnasium's id; a module before a colon is imported first.
         kwargs: Arguments of the environment.
         observe_only: The components of the observation that the policy sees; None for all.
         max_episode_steps: Step limit in place of the registered one. An environment that takes its limit as an
@@ -59,7 +59,7 @@ class EnvRecipe:
 
     @property
     def drawable(self) -> bool:
-        """Whether the environment's class says that it can be drawn, as far as one can tell without making one."""
+        """Whether the environment can be drawn, as far as its class tells without being made."""
         entry = gym.spec(self.id.rpartition(":")[2]).entry_point
         creator = load_env_creator(entry) if isinstance(entry, str) else entry
         metadata = getattr(creator, "metadata", None)
@@ -69,7 +69,7 @@ class EnvRecipe:
         """The engine that plays its episodes; see ``make_rollouts`` for the arguments.
 
         Raises:
-            RunError: If it cannot be made, or its spaces are of a kind that no policy can handle.
+            RunError: If the environment cannot be made, or its spaces are of a kind that no policy can handle.
         """
         try:
             rollouts = make_rollouts(self.make, threads=threads, num_envs=num_envs, on_error=on_error)

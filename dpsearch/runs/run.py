@@ -1,4 +1,4 @@
-"""A run under way: an algorithm learns, and all it does is kept in the run's directory.
+"""A run under way: an algorithm learns, and its progress is kept in the run's directory.
 
 The checkpoint holds everything that the rest of the run depends on, and ``metrics.jsonl`` has one line for each of its
 updates. So a run goes on, after whatever ended it, by loading the checkpoint and cutting the metrics back to it.
@@ -23,7 +23,7 @@ from dpsearch.runs.progress_bar import Progress
 from dpsearch.runs.recipe import EnvRecipe
 from dpsearch.runs.tensorboard import TensorBoardLog
 
-LOOK_SECONDS = 0.25  # between two looks at what else is to be done than learning
+LOOK_SECONDS = 0.25  # between two checks of what is due besides learning
 POINT_SECONDS = 1.0  # between two points of the TensorBoard curves
 
 
@@ -33,12 +33,12 @@ class Run:
     While it is entered, a first Ctrl-C or SIGTERM is only noted.
 
     Args:
-        directory: Where it is kept.
-        algorithm: What learns, as it is now: new, or loaded from the checkpoint.
-        recipe: Its environment.
-        limits: When it is over.
-        hyperparameters: For TensorBoard's table.
-        checkpoint_seconds: Time from one checkpoint to the next.
+        directory: Directory of the run.
+        algorithm: The algorithm that learns, new or loaded from the checkpoint.
+        recipe: Recipe for the environment.
+        limits: Limits of the run.
+        hyperparameters: Values for TensorBoard's table.
+        checkpoint_seconds: Time between two checkpoints (s).
         progress: Whether to show progress.
 
     Raises:
@@ -104,14 +104,14 @@ class Run:
         return self._interruption.signal
 
     def checkpoint(self) -> None:
-        """Write all that is needed to go on from here, and the policy."""
+        """Write the checkpoint, from which the run can go on, and the policy."""
         self._metrics.sync()  # first, so that no checkpoint is ahead of its metrics
         self._tensorboard.flush()
         self.algorithm.save(self.directory.checkpoint)
         save_policy(self.directory.policy, self.algorithm, self.recipe)
 
     def finish(self, evaluation_episodes: int) -> dict[str, Any] | signal.Signals:
-        """Find out what the policy achieves, and write the summary, which it returns; or the signal that came."""
+        """Evaluate the policy, write the summary, and return it; or return the signal that came."""
         algorithm = self.algorithm
         stochastic = algorithm.evaluate(evaluation_episodes)
         if self._interruption.signal is not None:
@@ -168,7 +168,7 @@ class Run:
 
 
 class _Every:
-    """Says every so many seconds that it is time again."""
+    """A clock that is due every so many seconds."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds

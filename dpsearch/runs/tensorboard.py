@@ -20,8 +20,8 @@ class TensorBoardLog:
 
     Args:
         path: The run's directory.
-        hyperparameters: For the table; nested mappings of plain values.
-        env_steps: Steps played so far: what the log holds beyond them is disowned.
+        hyperparameters: Values for the table; nested mappings of plain values.
+        env_steps: Steps played so far; points of the log beyond them are disowned.
     """
 
     def __init__(self, path: Path, hyperparameters: dict[str, Any], env_steps: int) -> None:
@@ -45,7 +45,7 @@ class TensorBoardLog:
 
         Args:
             env_steps: Steps played so far.
-            now: What ``perf_counter`` says.
+            now: Time by ``perf_counter`` (s).
         """
         if not self._updates:
             return
@@ -56,7 +56,7 @@ class TensorBoardLog:
         self._sums, self._updates, self._steps, self._time = {}, 0, env_steps, now
 
     def write_evaluation(self, env_steps: int, stochastic: float, greedy: float) -> None:
-        """Write what the policy achieves in the end."""
+        """Write the final evaluation of the policy."""
         writer = self._open()
         for name, value in zip(EVALUATION, (stochastic, greedy), strict=True):
             writer.add_scalar(name, value, env_steps)
@@ -68,12 +68,12 @@ class TensorBoardLog:
             self._writer.flush()
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write all remaining points."""
         if self._writer is not None:
             self._writer.close()
 
     def _open(self) -> SummaryWriter:
-        """The writer, made as late as possible: its import takes a while."""
+        """The writer, which is made as late as possible, for its import takes a while."""
         if self._writer is None:
             from torch.utils.tensorboard import SummaryWriter
 
@@ -82,9 +82,9 @@ class TensorBoardLog:
         return self._writer
 
     def _add_table(self, writer: SummaryWriter, *, end: bool) -> None:
-        """The run's row of the hyperparameter table, in two parts: at the start, and at the end that it came to one.
+        """Write the run's row of the hyperparameter table: the values at the start, a mark of completion at the end.
 
-        Not by ``SummaryWriter.add_hparams``, which begins another run in a folder of its own.
+        ``SummaryWriter.add_hparams`` would begin another run in a folder of its own.
         """
         from torch.utils.tensorboard.summary import hparams
 

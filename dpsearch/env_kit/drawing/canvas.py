@@ -1,4 +1,4 @@
-"""What pictures of tasks are made of: an anti-aliased canvas, and a window to show frames in."""
+"""An anti-aliased canvas for pictures of tasks, and a window that shows frames."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Canvas:
         return np.array(self._image.reduce(_OVERSAMPLING))
 
     def paste(self, corner: tuple[int, int], inner: Canvas) -> None:
-        """Another canvas, its upper left corner given: a window beyond whose frame nothing shows."""
+        """Another canvas with its upper left corner at ``corner``; whatever is drawn beyond its frame is cut off."""
         self._image.paste(inner._image, (corner[0] * _OVERSAMPLING, corner[1] * _OVERSAMPLING))
 
     def path(self, points: Sequence[Point], color: str, width: float = 2, closed: bool = False) -> None:
@@ -53,7 +53,7 @@ class Canvas:
     def box(
         self, corner: Point, opposite: Point, fill: str | None, outline: str | None = None, radius: float = 0
     ) -> None:
-        """A rectangle, its upper left and lower right corner given, with rounded corners."""
+        """A rectangle with rounded corners, from its upper left to its lower right corner."""
         corners = [value * _OVERSAMPLING for value in (*corner, *opposite)]
         self._draw.rounded_rectangle(corners, radius * _OVERSAMPLING, fill, outline, 2 * _OVERSAMPLING)
 
@@ -62,7 +62,7 @@ class Canvas:
         self._draw.circle(_scaled(center), radius * _OVERSAMPLING, fill, outline, 2 * _OVERSAMPLING)
 
     def polygon(self, corners: Sequence[Point], fill: str) -> None:
-        """A filled shape, its corners given one after the other."""
+        """A filled polygon through its corners, in their order."""
         self._draw.polygon([_scaled(corner) for corner in corners], fill)
 
     def line(self, start: Point, end: Point, color: str, width: float = 2) -> None:
@@ -84,7 +84,7 @@ class Canvas:
 
     def arrow(self, center: Point, direction: Point, size: float, color: str) -> None:
         """An arrow of length ``size`` along one of the four directions, e.g. ``(0, -1)`` for up."""
-        outline = [(0.5, 0), (0.06, 0.36), (0.06, 0.13), (-0.5, 0.13)]  # of one that points right, upper half
+        outline = [(0.5, 0), (0.06, 0.36), (0.06, 0.13), (-0.5, 0.13)]  # upper half of an arrow to the right
         outline += [(along, -across) for along, across in reversed(outline)]
         (x, y), (dx, dy) = center, direction
         self.polygon([(x + size * (a * dx - b * dy), y + size * (a * dy + b * dx)) for a, b in outline], color)
@@ -94,7 +94,7 @@ class Canvas:
     ) -> None:
         """One line of text, made smaller if it would be wider than ``width``.
 
-        ``anchor`` is Pillow's: "lm" puts the middle of its left edge at the point.
+        ``anchor`` is Pillow's: "lm" puts the middle of the line's left edge at the point.
         """
         while size > _SMALLEST and self.text_width(text, size) > width:
             size -= 1
@@ -143,7 +143,7 @@ class Window:
         self._closed = False
 
     def show(self, frame: Frame) -> None:
-        """Shows a frame ``(height, width, 3)`` and waits until it is due to be followed by the next."""
+        """Shows a frame ``(height, width, 3)`` and waits until the next one is due."""
         pygame = self._pygame
         if self._closed:
             return

@@ -9,7 +9,7 @@ SKY, GOLD, NIGHT = "#8fb4f5", "#f2c230", "#141d33"
 
 
 def mix(color: str, other: str, share: float) -> str:
-    """What lies between two colors: the first one for a share of 0, the other for 1."""
+    """A mixture of two colors: the first for a share of 0, the second for 1."""
     ends = zip(_channels(color), _channels(other), strict=True)
     return "#" + "".join(f"{round(a + (b - a) * share):02x}" for a, b in ends)
 

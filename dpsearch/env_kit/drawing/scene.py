@@ -1,4 +1,4 @@
-"""The frame around all drawings of tasks: what the task is, what goes on, and cards below with what is known."""
+"""The frame around all drawings of tasks: title and aim, a message about the moment, and a row of cards below."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _CARDS_TOP, _CARD_HEIGHT = 420.0, 88.0
 
 
 class Icon(NamedTuple):
-    """A pictogram: how wide it is, and what draws it around a point."""
+    """A pictogram: its width, and the function that draws it around a point."""
 
     width: float
     draw: Callable[[Canvas, Point], None]
 
 
 class Message(NamedTuple):
-    """What goes on, in a sentence, and its color."""
+    """A sentence about the present moment, and its color."""
 
     text: str
     color: str = palette.INK
@@ -30,13 +30,13 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True)
 class Card:
-    """A box with something in it that is worth knowing.
+    """A box that shows one quantity.
 
     Attributes:
-        title: What that is.
-        value: The thing itself.
-        note: What there is to say about it, in a third line.
-        icon: A pictogram of it, at the right.
+        title: Name of the quantity.
+        value: The quantity as text.
+        note: A remark in a third line.
+        icon: Pictogram at the right.
         fill: Color of the box.
         color: Color of the value.
     """
@@ -50,13 +50,13 @@ class Card:
 
 
 def stage(title: str, aim: str, message: Message, cards: Sequence[Card]) -> Canvas:
-    """A canvas with all of this, between y = 110 and y = 410 free for the task's own drawing.
+    """A canvas with title, aim, message and cards; the task's own drawing goes between y = 110 and y = 410.
 
     Args:
         title: The task's name.
-        aim: What is to be done, for those who have never heard of it.
-        message: What goes on.
-        cards: What stands in a row at the bottom.
+        aim: The aim in words, for people who have never heard of the task.
+        message: A sentence about the present moment.
+        cards: The row of cards at the bottom.
     """
     canvas = Canvas(WIDTH, HEIGHT)
     canvas.text((MARGIN, 42), title, 30)
@@ -91,7 +91,7 @@ def arrow(direction: Point) -> Icon:
 
 
 def agent(canvas: Canvas, center: Point, radius: float, heading: Point | None = None) -> None:
-    """Who acts, in all tasks: a face, with a nose where it has a ``heading`` such as (0, -1) for up."""
+    """The agent, in all tasks: a face, with a nose where it has a ``heading`` such as (0, -1) for up."""
     dx, dy = heading or (0.0, -1.0)
 
     def at(along: float, across: float) -> Point:

@@ -1,14 +1,14 @@
-"""What a .POMDP file cannot say of a :class:`TabularPOMDP`, said in comments that other readers pass over.
+"""Comments for whatever a .POMDP file cannot say of a :class:`TabularPOMDP`; other readers pass over them.
 
-Such a comment is a line of its own, ``#dpsearch: key [...]``, with a list in JSON; lines with the same key are
-continued by one another. Symbols, states and actions are numbers here, counting from 0.
+Such a comment is a line of its own, ``#dpsearch: key [...]``, with a list in JSON; several lines with one key
+make one list. Symbols, states and actions are numbers here, counting from 0.
 
 ========================= ==========================================================================================
-key                       what it lists
+key                       list
 ========================= ==========================================================================================
 ``state_names``           the names of the states, where they are no words; ``action_names`` and
-                          ``observation_names`` likewise
-``features``              what the policy receives for each symbol; one-hot by default
+                          ``observation_names``, too
+``features``              the policy's input for each symbol; one-hot by default
 ``terminal``              the states that end an episode; by default those that an episode does not start in, which
                           every action leads back to, without reward
 ``start``                 ``[state, probability]``, if not in the order of the states
@@ -16,9 +16,9 @@ key                       what it lists
                           state several times; T and R hold the sum of its probabilities and the mean reward
 ``observation_pool``      the different distributions over symbols, each as ``[[symbol, probability], ...]``; this and
                           the next two come together, and by default nothing is seen before the first action
-``observation_row``       which of these holds on arriving in each state by each action, one list for every state, or
-                          one number if it is the same for all actions
-``first_observation_row`` which of them holds in each state before the first action
+``observation_row``       the number in that pool for arriving in each state by each action: one list for every state,
+                          or one number if it is the same for all actions
+``first_observation_row`` the number in that pool for each state before the first action
 ========================= ==========================================================================================
 
 Where a comment refines what the file says elsewhere, the two must agree.
@@ -48,10 +48,10 @@ class Comments:
     """The comments of a file.
 
     Args:
-        source: The file.
+        source: The words of the file.
 
     Raises:
-        PomdpFileError: If one is not in the form that is described above.
+        PomdpFileError: If a comment is not in the form that the module describes.
     """
 
     def __init__(self, source: Source) -> None:
@@ -81,18 +81,18 @@ class Comments:
         return key in self._lists
 
     def error(self, key: str, problem: str) -> PomdpFileError:
-        """The error to raise for what a key lists."""
+        """The error to raise for the list of a key."""
         return self.source.error_in_line(f"{MARK} {key} {problem}", self._lines[key])
 
     def items(self, key: str) -> list[Any]:
-        """What a key lists."""
+        """The list of a key."""
         return self._lists[key]
 
     def words(self, key: str, count: int) -> tuple[str, ...]:
-        """The names that a key lists.
+        """The list of a key as names.
 
         Raises:
-            PomdpFileError: If these are not ``count`` names.
+            PomdpFileError: If the list is not one of ``count`` names.
         """
         items = self.items(key)
         if len(items) != count or not all(isinstance(item, str) for item in items):
@@ -100,10 +100,10 @@ class Comments:
         return tuple(items)
 
     def indices(self, key: str, below: int) -> NDArray[np.int64]:
-        """The whole numbers that a key lists, of any shape.
+        """The list of a key as integers, of any shape.
 
         Raises:
-            PomdpFileError: If these are something else, or out of range.
+            PomdpFileError: If the list holds anything else, or a number is out of range.
         """
         array = self.floats(key)
         if (array != np.floor(array)).any() or (array < 0).any() or (array >= below).any():
@@ -111,18 +111,18 @@ class Comments:
         return array.astype(np.int64)
 
     def floats(self, key: str) -> NDArray[np.float64]:
-        """The numbers that a key lists, of any shape.
+        """The list of a key as numbers, of any shape.
 
         Raises:
-            PomdpFileError: If these are something else.
+            PomdpFileError: If the list holds anything else.
         """
         return self.array(key, self.items(key))
 
     def array(self, key: str, items: Any) -> NDArray[np.float64]:
-        """A part of what a key lists, as numbers.
+        """A part of the list of a key, as numbers.
 
         Raises:
-            PomdpFileError: If it is something else.
+            PomdpFileError: If the part holds anything else.
         """
         try:
             array = np.array(items)
@@ -137,6 +137,6 @@ class Comments:
 
 
 def comment_lines(key: str, items: Sequence[Any]) -> list[str]:
-    """The lines that list some items under a key."""
+    """The comment lines that hold a list under a key."""
     parts = [items[first : first + _ITEMS] for first in range(0, len(items), _ITEMS)] or [[]]
     return [f"{MARK} {key} {json.dumps(part)}" for part in parts]

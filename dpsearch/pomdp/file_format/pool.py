@@ -1,4 +1,4 @@
-"""The same distributions in one form, so that equal ones are found: what reading and writing .POMDP files both need."""
+"""Distributions in a canonical form, in which equal ones are found; for reading and writing .POMDP files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _AGREEMENT = 1e-9  # two numbers that were meant to be the same may differ so mu
 
 
 def shared(table: Distributions) -> tuple[Distributions, NDArray[np.int64]]:
-    """The different rows of a table, and which of them each row is.
+    """The distinct rows of a table, and the number of the distinct row that each row equals.
 
     Args:
         table: Rows whose columns are sorted, and differ within one row.
@@ -21,7 +21,7 @@ def shared(table: Distributions) -> tuple[Distributions, NDArray[np.int64]]:
     """
     columns, probabilities, starts = table.columns.tobytes(), table.probabilities.tobytes(), table.starts.tolist()
     found: dict[tuple[bytes, bytes], int] = {}
-    examples: list[int] = []  # a row of each kind
+    examples: list[int] = []  # one row of each kind
     kind = np.empty(table.n_rows, np.int64)
     for row in range(table.n_rows):
         entries = slice(8 * starts[row], 8 * starts[row + 1])
@@ -31,7 +31,7 @@ def shared(table: Distributions) -> tuple[Distributions, NDArray[np.int64]]:
             examples.append(row)
 
     def place(number: int) -> list[tuple[int, float]]:
-        """Compares like the dense row: the one with the first positive entry of its own is the greater."""
+        """A key by which rows are sorted as their dense forms would be, number by number."""
         entries = slice(starts[examples[number]], starts[examples[number] + 1])
         return list(zip((-table.columns[entries]).tolist(), table.probabilities[entries].tolist(), strict=True))
 
@@ -42,7 +42,7 @@ def shared(table: Distributions) -> tuple[Distributions, NDArray[np.int64]]:
 
 
 def rows_of(table: Distributions, rows: NDArray[np.int64]) -> Distributions:
-    """Some rows of a table, one after the other."""
+    """The chosen rows of a table, in this order."""
     lengths = np.diff(table.starts)[rows]
     entry, _ = expanded(table.starts[rows], lengths)
     return Distributions(
@@ -51,7 +51,7 @@ def rows_of(table: Distributions, rows: NDArray[np.int64]) -> Distributions:
 
 
 def joined(one: Distributions, other: Distributions) -> Distributions:
-    """The rows of both, over the columns of the wider one."""
+    """The rows of both tables, over the columns of the wider one."""
     return Distributions(
         np.append(one.starts, one.starts[-1] + other.starts[1:]),
         np.append(one.columns, other.columns),
@@ -66,7 +66,7 @@ def certain(columns: NDArray[np.int64], n_columns: int) -> Distributions:
 
 
 def summed(table: Distributions) -> Distributions:
-    """The same distributions with sorted columns, each named once in a row."""
+    """The distributions with sorted columns, each named once in a row."""
     cells, which = np.unique(table.row_of_entry() * table.n_columns + table.columns, return_inverse=True)
     rows, columns = np.divmod(cells, table.n_columns)
     sums = np.bincount(which, table.probabilities, len(cells)).astype(np.float64)
@@ -74,7 +74,7 @@ def summed(table: Distributions) -> Distributions:
 
 
 def disagreement(one: Distributions, other: Distributions) -> int | None:
-    """The first row in which two tables of the same size say different things, if there is one."""
+    """The first row in which two tables of one size differ; None if there is none."""
     one, other = summed(one), summed(other)
     lengths = np.diff(one.starts) != np.diff(other.starts)
     end = int(one.starts[np.argmax(lengths)]) if lengths.any() else len(one.columns)  # entries that can be compared
@@ -87,7 +87,7 @@ def disagreement(one: Distributions, other: Distributions) -> int | None:
 
 
 def unseen_name(names: tuple[str, ...]) -> str:
-    """The name of a symbol that means that nothing was seen yet."""
+    """A name for the symbol that stands for having seen nothing yet."""
     name = "nothing"
     while name in names:
         name += "-yet"

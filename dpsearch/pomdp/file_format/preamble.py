@@ -12,21 +12,21 @@ from dpsearch.pomdp.file_format.tokens import ALL, HEADERS, STATEMENTS, Names, S
 
 MOST_ROWS = 2_000_000  # states times actions
 MOST_OBSERVATIONS = 100_000
-MOST_INPUTS = 4096  # of a policy that has one for each observation
+MOST_INPUTS = 4096  # inputs of a policy that has one for each observation
 ROUNDING = 1e-5  # how far a sum of probabilities that were written with few digits may be off
 EXACT = 1e-6  # sums that are closer to 1 are left as they are: TabularPOMDP accepts them
 
 
 @dataclass(frozen=True)
 class Preamble:
-    """What holds for the whole file.
+    """The head of a file, which holds for all of it.
 
     Attributes:
-        discount: In [0, 1].
-        cost: Whether what R says are costs.
-        states: Their names.
-        actions: Their names.
-        observations: Their names.
+        discount: Discount factor, in [0, 1].
+        cost: Whether the numbers of R are costs.
+        states: Names of the states.
+        actions: Names of the actions.
+        observations: Names of the observations.
         start: Probability of each start state, ``(S,)``.
     """
 
@@ -39,17 +39,17 @@ class Preamble:
 
 
 class Outline:
-    """Where the statements of a file begin and end.
+    """The extents of the statements of a file.
 
     Args:
-        source: The file.
+        source: The words of the file.
 
     Attributes:
-        source: The file.
-        bodies: First place of each statement and the place behind its last, by the word it begins with.
+        source: The words of the file.
+        bodies: First place of each statement and the place behind its last, by its first word.
 
     Raises:
-        PomdpFileError: If it does not begin with a statement.
+        PomdpFileError: If the file does not begin with a statement.
     """
 
     def __init__(self, source: Source) -> None:
@@ -68,7 +68,7 @@ class Outline:
         """Makes sure that there is a colon behind the keyword of a statement.
 
         Raises:
-            PomdpFileError: If there is none.
+            PomdpFileError: If there is no colon.
         """
         words = self.source.words
         if place >= len(words) or words[place] != ":":
@@ -77,7 +77,7 @@ class Outline:
             )
 
     def preamble(self) -> Preamble:
-        """What holds for the whole file.
+        """Reads the head of a file.
 
         Raises:
             PomdpFileError: If something is missing, wrong or too large.
@@ -99,7 +99,7 @@ class Outline:
         """The discount factor.
 
         Raises:
-            PomdpFileError: If it is missing or wrong.
+            PomdpFileError: If the discount is missing or wrong.
         """
         if not self.bodies["discount"]:
             raise self.source.error("discount: is missing")
@@ -111,7 +111,7 @@ class Outline:
         return value
 
     def _header(self, keyword: str) -> tuple[int, int]:
-        """Where what follows ``keyword :`` begins and ends."""
+        """First place behind ``keyword :``, and the place behind the statement."""
         begin, end = self.bodies[keyword][0]
         self._require_once(keyword)
         self.require_colon(begin, begin + 1)
@@ -206,10 +206,10 @@ class Outline:
         return np.array(possible / possible.sum(), np.float64)
 
     def look_up(self, names: Names, place: int) -> int:
-        """The number of what the word at a place names.
+        """The number of the state, action or observation that the word at a place names.
 
         Raises:
-            PomdpFileError: If it names nothing.
+            PomdpFileError: If the word names nothing.
         """
         try:
             return names[self.source.words[place]]
@@ -220,7 +220,7 @@ class Outline:
         """Makes sure that the numbers in some stretches of words are probabilities.
 
         Raises:
-            PomdpFileError: If one is not.
+            PomdpFileError: If one of them is not.
         """
         wrong = (values < 0) | (values > 1 + ROUNDING)
         if wrong.any():

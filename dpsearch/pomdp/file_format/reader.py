@@ -1,17 +1,17 @@
 """Reads Cassandra's format for finite POMDPs, as described on pomdp.org ("POMDP file format"), into sparse tables.
 
-Read are all forms of T, O and R, wildcards, ``uniform``, ``identity``, ``reset``, all forms of ``start``, and
-``values: cost``; statements may be in any order, as long as what contradicts an earlier one comes later. Names may
+It reads all forms of T, O and R, wildcards, ``uniform``, ``identity``, ``reset``, all forms of ``start``, and
+``values: cost``; statements may be in any order, and where two contradict each other, the later one holds. Names may
 hold more characters than the original allows. How the format becomes a :class:`TabularPOMDP`:
 
 - It has no observation before the first action: nothing is seen then, a symbol of its own whose features are zero.
 - It has no terminal states: a state is taken for one if every action leads back to it without reward and an episode
   cannot start there. So there are none where a file gives no ``start``: every state is a start state then.
-- It may pay for what is observed: see ``pomdp_split``, which adds states called ``state/observation``.
+- It may pay for what is observed: see ``split.py``, which adds states called ``state/observation``.
 - Costs are negative rewards.
 - Probabilities of few digits, which sum to 1 within 1e-5 only, are made to do so exactly.
 
-What else a model has is said in comments; see ``pomdp_comments``.
+Comments say whatever else a model has; see ``comments.py``.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def read_pomdp_file(path: str | os.PathLike[str]) -> TabularPOMDP:
         return _Model(source, statements, comments).pomdp()
     except PomdpFileError:
         raise
-    except ValueError as error:  # of TabularPOMDP, where comments contradict one another
+    except ValueError as error:  # TabularPOMDP refuses comments that contradict one another
         raise source.error(str(error)) from error
 
 
@@ -59,7 +59,7 @@ def read_discount(path: str | os.PathLike[str]) -> float:
 
 
 class _Model:
-    """What the statements and comments of a file amount to."""
+    """The model that the statements and comments of a file define."""
 
     def __init__(self, source: Source, statements: Statements, comments: Comments) -> None:
         self.source, self.statements, self.comments = source, statements, comments
@@ -121,7 +121,7 @@ class _Model:
         return given
 
     def _rows(self, key: str, rows: list[NDArray[np.float64]], n_columns: int) -> Distributions:
-        """Rows that a comment lists, each ``(n, 2)``: column and probability."""
+        """The rows in a comment, each ``(n, 2)``: column and probability."""
         entries = np.concatenate([np.zeros((0, 2)), *rows])
         columns = entries[:, 0]
         if (columns != np.floor(columns)).any() or (columns < 0).any() or (columns >= n_columns).any():
@@ -132,7 +132,7 @@ class _Model:
         return Distributions(starts, columns.astype(np.int64), entries[:, 1].copy(), n_columns)
 
     def _with_random_rewards(self, moves: Moves) -> Moves:
-        """The moves with the rows that name a next state several times."""
+        """The transitions and rewards, with the rows from comments that name a next state several times."""
         n_states, n_actions = self.states.count, self.actions.count
         wrong = self.comments.error(
             "transitions", "must list [state, action, [[next state, probability, reward], ...]]"
@@ -168,7 +168,7 @@ class _Model:
         return _replaced(moves, chosen, new, paid)
 
     def _require_no_numbers_of_states(self) -> None:
-        """Make sure that no comment numbers the states of a model whose rewards add some."""
+        """Makes sure that no comment numbers states where rewards for observations add states."""
         for key in ("transitions", *POOL_KEYS):
             if key in self.comments:
                 raise self.comments.error(key, "cannot be used where rewards depend on the observation")
@@ -185,7 +185,7 @@ class _Model:
         return terminal
 
     def _names(self) -> list[tuple[str, ...]]:
-        """Names of the states, actions and symbols, as words in the file or as comments have them."""
+        """Names of the states, actions and symbols: the file's words, or the names in its comments."""
         return [
             self.comments.words(key, names.count) if key in self.comments else names.names
             for key, names in zip(NAME_KEYS, (self.states, self.actions, self.symbols), strict=True)
@@ -215,7 +215,7 @@ class _Model:
         return pool, row, first, self._features(n_symbols + 1), names
 
     def _features(self, count: int) -> NDArray[np.float64]:
-        """What the policy receives for each of ``count`` symbols: one input for each that the file knows."""
+        """The policy's input for each of ``count`` symbols: one number for each symbol in the file."""
         if "features" not in self.comments:
             return np.eye(count, self.symbols.count)
         features = self.comments.floats("features")
@@ -224,7 +224,7 @@ class _Model:
         return features
 
     def _pool(self, seen: Distributions) -> tuple[Distributions, NDArray[np.int64], NDArray[np.int64]]:
-        """The pool and its rows on arrival and at the start, as comments have them."""
+        """The pool and its rows on arrival and at the start, from comments."""
         comments, n_states, n_actions = self.comments, self.states.count, self.actions.count
         pool_key, row_key, first_key = POOL_KEYS
         rows = [comments.array(pool_key, row) for row in comments.items(pool_key)]
@@ -249,7 +249,7 @@ def _by_column(table: Distributions) -> Distributions:
 
 
 def _replaced(moves: Moves, rows: NDArray[np.int64], given: Distributions, paid: NDArray[np.float64]) -> Moves:
-    """The moves with some rows replaced."""
+    """The transitions and rewards with some rows replaced."""
     old = moves.transitions
     kept = ~np.isin(old.row_of_entry(), rows)
     row = np.append(old.row_of_entry()[kept], rows[given.row_of_entry()])

@@ -2,8 +2,9 @@
 
 A table of rewards knows state, action and next state, not what is seen there. Where a .POMDP file pays for the
 observation too, the next state is split: the agent arrives with probability ``p O(o)`` in a copy of it in which ``o``
-is certain to be seen, for the reward of ``o``. A copy is left as the state itself is. So rewards and observations have
-the joint distribution that the file says. What pays the same for all that may be seen leads to the state itself.
+is certain to be seen, and earns the reward of ``o``. A copy is left as the state itself is. So rewards and
+observations have the joint distribution that the file says. Where all observations that may be seen pay equally, the
+agent arrives in the state itself.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ class Moves:
 
     Attributes:
         transitions: Distribution of the next state.
-        rewards: Of each entry, ``(n_entries,)``.
+        rewards: Reward of each entry, ``(n_entries,)``.
         copy_of: The state that each further state is a copy of, ``(K,)``; copies are numbered from S on.
-        sees: What is seen in it, ``(K,)``.
+        sees: Observation seen in each copy, ``(K,)``.
     """
 
     transitions: Distributions
@@ -44,7 +45,7 @@ def rewarded(transitions: Distributions, seen: Distributions, table: RewardTable
     Args:
         transitions: Row ``state * A + action``: distribution of the next state.
         seen: Row ``next state * A + action``: distribution of the observation.
-        table: The rewards.
+        table: Rewards, by action, states and observation.
         n_actions: A.
 
     Raises:
@@ -96,7 +97,7 @@ def rewarded(transitions: Distributions, seen: Distributions, table: RewardTable
 
 
 def with_copies(moves: Moves, terminal: NDArray[np.bool_]) -> Moves:
-    """The same with the rows of the copies: what their states do, but that those of terminal states stay themselves.
+    """Adds the rows of the copies: a copy moves as its state does; a copy of a terminal state stays where it is.
 
     Args:
         moves: Transitions from the states that are no copies.

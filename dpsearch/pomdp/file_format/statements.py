@@ -1,4 +1,4 @@
-"""The statements of a .POMDP file, with numbers in place of names; what they amount to is found elsewhere."""
+"""The statements of a .POMDP file, with numbers in place of names; ``tables.py`` makes tables of them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from dpsearch.pomdp.file_format.tokens import ALL, Names, Source
 
 
 class Form(IntEnum):
-    """What a statement about T or O sets."""
+    """The part of T or O that a statement sets."""
 
     CELL = 0  # one probability
     ROW = 1
     MATRIX = 2
-    UNIFORM = 3  # a row, or all rows of an action; so are the next two
+    UNIFORM = 3  # a row, or all rows of an action, as in the next two forms
     IDENTITY = 4
     RESET = 5
 
@@ -38,15 +38,15 @@ _SHAPES = {
 
 @dataclass(frozen=True)
 class Settings:
-    """What a file says of the rows of T or O: a later statement holds where it contradicts an earlier one.
+    """The statements about T or O: a later one holds where it contradicts an earlier one.
 
     Attributes:
-        place: Place of each statement in the source, ``(n,)``; so are the next ones.
-        form: Its :class:`Form`.
-        action: The action it is about, or ``ALL``.
-        state: The state, likewise: that left for T, that arrived in for O.
-        column: Next state or observation, likewise, if the form is a cell.
-        first: Where its numbers begin among ``values``.
+        place: Place of each of n statements in the source, ``(n,)``.
+        form: :class:`Form` of each statement, ``(n,)``.
+        action: Action of each statement, or ``ALL``, ``(n,)``.
+        state: State of each statement, or ``ALL``, ``(n,)``: the one left for T, the one arrived in for O.
+        column: Next state or observation of each statement that sets a cell, or ``ALL``, ``(n,)``.
+        first: First of each statement's numbers in ``values``, ``(n,)``.
         values: All numbers, one statement after the other.
     """
 
@@ -61,14 +61,14 @@ class Settings:
 
 @dataclass(frozen=True)
 class RewardSettings:
-    """What a file says of R, likewise.
+    """The statements about R: a later one holds where it contradicts an earlier one.
 
     Attributes:
         patterns: Action, state, next state and observation of each statement, each of which may be ``ALL``,
             ``(n, 4)``.
-        first: Where its numbers begin among ``values``, ``(n,)``.
-        stride: How far apart the numbers of two neighbours among next states and among observations are,
-            ``(n, 2)``.
+        first: First of each statement's numbers in ``values``, ``(n,)``.
+        stride: Distance in ``values`` between the numbers of neighbouring next states, and of neighbouring
+            observations, ``(n, 2)``.
         values: All numbers, one statement after the other.
     """
 
@@ -80,13 +80,13 @@ class RewardSettings:
 
 @dataclass(frozen=True)
 class Statements:
-    """A whole file.
+    """All statements of a file.
 
     Attributes:
-        preamble: Its head.
-        transitions: What it says of T.
-        observations: What it says of O.
-        rewards: What it says of R.
+        preamble: The head of the file.
+        transitions: Statements about T.
+        observations: Statements about O.
+        rewards: Statements about R.
     """
 
     preamble: Preamble
@@ -163,7 +163,7 @@ class _Parser:
         )
 
     def _fields(self, begin: int, end: int, lookups: Sequence[Names]) -> tuple[list[int], int]:
-        """What stands between the colons of a statement, and where its numbers begin."""
+        """The fields between the colons of a statement, and the place where its numbers begin."""
         words, at = self.words, begin + 1
         fields: list[int] = []
         self.outline.require_colon(begin, at)
@@ -200,6 +200,6 @@ def _expected(keyword: str) -> str:
 
 
 def _firsts(counts: Sequence[int]) -> NDArray[np.int64]:
-    """Where each of some stretches begins, if they lie one behind the other."""
+    """First index of each of some stretches that lie one behind the other."""
     lengths = np.array(counts, np.int64)
     return np.cumsum(lengths) - lengths

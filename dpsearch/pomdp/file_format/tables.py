@@ -1,7 +1,7 @@
-"""What the statements of a .POMDP file amount to, without ever building the full tables.
+"""Sparse tables from the statements of a .POMDP file; the full tables are never built.
 
-A later statement holds where it contradicts an earlier one. So a row of T or O is what the last statement about the
-whole row says, changed by the single probabilities that were given after that.
+A later statement holds where it contradicts an earlier one. So the last statement about a whole row of T or O sets
+the row, and the single probabilities that were given after it change the row.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ MOST_ENTRIES = 10_000_000
 
 
 class Table:
-    """T or O: row ``state * A + action``.
+    """The table T or O, with a distribution in row ``state * A + action``.
 
     Args:
-        source: The file.
+        source: The words of the file.
         keyword: "T" or "O".
-        settings: What it says.
+        settings: The statements about this table.
         actions: Names of the actions.
-        states: Names of the states that rows are about.
-        columns: Names of what the probabilities are of.
+        states: Names of the states.
+        columns: Names of the columns: next states or observations.
     """
 
     def __init__(
@@ -37,13 +37,13 @@ class Table:
         self.actions, self.states, self.columns = actions, states, columns
 
     def distributions(self, start: NDArray[np.float64]) -> Distributions:
-        """The rows. Entries of one row are in the order in which the file gives them, those of a matrix by column.
+        """The rows as distributions. Entries of a row keep the order of the file; those of a matrix are by column.
 
         Args:
-            start: Distribution of the start state, which ``reset`` stands for, ``(S,)``.
+            start: Distribution of the start state, the meaning of the word ``reset``, ``(S,)``.
 
         Raises:
-            PomdpFileError: If a row is missing or does not sum to 1, or all of them are too large.
+            PomdpFileError: If a row is missing or does not sum to 1, or the rows together are too large.
         """
         n_rows, n_columns = self.states.count * self.actions.count, self.columns.count
         base = self._bases()
@@ -79,7 +79,7 @@ class Table:
         whole = (self.settings.form != Form.CELL) | (self.settings.column == ALL)
         base = np.full((self.states.count, self.actions.count), -1)
         everywhere = np.flatnonzero(whole & (action == ALL) & (state == ALL))
-        first = int(everywhere[-1]) if len(everywhere) else 0  # what precedes it does not matter
+        first = int(everywhere[-1]) if len(everywhere) else 0  # earlier statements about the row do not matter
         chosen = first + np.flatnonzero(whole[first:])
         every = slice(None)
         for i, a, s in zip(chosen.tolist(), action[chosen].tolist(), state[chosen].tolist(), strict=True):
@@ -89,7 +89,7 @@ class Table:
     def _entries_of_bases(
         self, base: NDArray[np.int64], start: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """Row, column, probability and statement of what is not zero in rows that were set as a whole."""
+        """Row, column, probability and statement of each positive entry in rows that were set as a whole."""
         settings, n_columns = self.settings, self.columns.count
         row = np.flatnonzero(base >= 0)
         statement = base[row]
@@ -121,7 +121,7 @@ class Table:
     def _entries_of_cells(
         self, base: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """The same of the single probabilities that were given later; these may be zero."""
+        """Row, column, probability and statement of each single probability that was given later; it may be zero."""
         settings, n_actions, n_states = self.settings, self.actions.count, self.states.count
         cells = np.flatnonzero((settings.form == Form.CELL) & (settings.column != ALL))
         cells = cells[cells > base.min()]
@@ -140,7 +140,7 @@ class Table:
     def _expanded(
         self, first: NDArray[np.int64], count: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The numbers ``first .. first + count - 1`` of every pair, and which pair each is from."""
+        """The numbers ``first .. first + count - 1`` of all pairs (first, count), and the index of each one's pair."""
         total = int(count.sum())
         if total > MOST_ENTRIES:
             raise self._too_large(total)
@@ -150,7 +150,7 @@ class Table:
         return self.source.error(f"{self.keyword} would hold {total:,} probabilities: the limit is {MOST_ENTRIES:,}")
 
     def _bad_row(self, row: int, total: float | None) -> PomdpFileError:
-        """The error for a row whose probabilities sum to ``total``, or that has none."""
+        """The error for a row whose probabilities sum to ``total``, or that has no probabilities."""
         state, action = divmod(row, self.actions.count)
         role = "state" if self.keyword == "T" else "next state"
         where = f"{self.keyword} for action {self.actions.shown(action)}, {role} {self.states.shown(state)}"
@@ -163,11 +163,11 @@ class Table:
 
 
 class RewardTable:
-    """R: looked up where it is needed.
+    """The table R, which is looked up, never built.
 
     Args:
-        settings: What the file says.
-        sizes: Number of actions, states, states and observations.
+        settings: The statements about R.
+        sizes: Numbers of actions, states, next states and observations.
     """
 
     def __init__(self, settings: RewardSettings, sizes: tuple[int, int, int, int]) -> None:
@@ -181,7 +181,7 @@ class RewardTable:
                 self._by_observation[i] = (rows != rows[:, :1]).any()
 
     def may_depend_on_observation(self, *queries: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether some statement tells observations apart after action, state and next state, each ``(n,)``."""
+        """Whether the reward of each action, state and next state, ``(n,)`` each, may depend on the observation."""
         patterns = self._settings.patterns[self._by_observation, :3]
         return last_match(patterns, np.column_stack(queries), self._sizes[:3]) >= 0
 
@@ -203,7 +203,7 @@ def last_match(patterns: NDArray[np.int64], queries: NDArray[np.int64], sizes: t
     Args:
         patterns: Numbers, or ``ALL`` which fits any, ``(n, k)``.
         queries: Numbers, ``(m, k)``.
-        sizes: How many numbers there are, ``k`` times.
+        sizes: Number of values that each of the ``k`` columns can take.
     """
     best = np.full(len(queries), -1)
     free = patterns == ALL
@@ -220,5 +220,5 @@ def last_match(patterns: NDArray[np.int64], queries: NDArray[np.int64], sizes: t
 
 
 def _keys(rows: NDArray[np.int64], sizes: tuple[int, ...]) -> NDArray[np.int64]:
-    """A number for each row of numbers, different ones for different rows."""
+    """A key for each row of numbers: equal rows have equal keys, different rows different ones."""
     return np.asarray(np.ravel_multi_index(tuple(rows.T), sizes), np.int64)

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 ALL = -1
-"""What ``*`` stands for, in place of the number of a state, an action or an observation."""
+"""The number for ``*``, which stands for all states, actions or observations."""
 
 HEADERS = ("discount", "values", "states", "actions", "observations")
-"""The words that begin what a file must give."""
+"""The first words of the statements that a file must have."""
 
 STATEMENTS = frozenset((*HEADERS, "start", "T", "O", "R"))
 """The words that begin a statement; no other word does, so they show where the one before ends."""
@@ -40,10 +40,10 @@ class Source:
     """The words of a file; the numbers of words are its places.
 
     Attributes:
-        path: Where it was read, for messages.
-        raw: All of its text.
-        text: The same without comments, on as many lines.
-        words: What is left, split at whitespace; colons and asterisks are words of their own.
+        path: Path of the file, for messages.
+        raw: The text of the file.
+        text: The text without comments, on as many lines.
+        words: Words of ``text``, split at whitespace; colons and asterisks are words of their own.
     """
 
     path: str
@@ -73,7 +73,7 @@ class Source:
 
     @classmethod
     def of(cls, raw: str, name: str) -> Source:
-        """The words of a text; ``name`` stands in messages."""
+        """The words of a text; messages call it ``name``."""
         raw = raw.replace("\r\n", "\n").replace("\r", "\n")
         text = _COMMENT.sub("", raw)
         text = _LONE_SIGN.sub(r"\2\1", text)  # a sign may stand apart from its number
@@ -101,7 +101,7 @@ class Source:
         """The number at a place.
 
         Raises:
-            PomdpFileError: If there is none.
+            PomdpFileError: If the word there is no number.
         """
         return float(self.numbers([place], [1])[0])
 
@@ -109,8 +109,8 @@ class Source:
         """The numbers in some stretches of words, one stretch behind the other.
 
         Args:
-            places: Where each stretch begins.
-            counts: How many words it has.
+            places: First place of each stretch.
+            counts: Number of words in each stretch.
 
         Raises:
             PomdpFileError: If a word is no number, or not a finite one.
@@ -134,17 +134,17 @@ class Source:
 
 
 class Names(dict[str, int]):
-    """The number that each name stands for; numbers themselves are names too, and ``*`` stands for all.
+    """A dictionary from names to numbers; a number names itself, and ``*`` stands for all.
 
     Args:
-        what: What they are names of: "state".
-        names: Their names, or none.
-        count: How many there are.
+        what: Kind of the things named, for messages: "state".
+        names: Names of the things, or none.
+        count: Number of the things.
 
     Attributes:
-        what: See above.
-        names: See above.
-        count: See above.
+        what: Kind of the things named, for messages: "state".
+        names: Names of the things, or none.
+        count: Number of the things.
     """
 
     def __init__(self, what: str, names: tuple[str, ...], count: int) -> None:
@@ -161,11 +161,11 @@ class Names(dict[str, int]):
         raise KeyError(word)
 
     def shown(self, number: int) -> str:
-        """The name of a number, for messages."""
+        """Name of the thing with a number, for messages."""
         return self.names[number] if self.names else str(number)
 
     def problem(self, word: str) -> str:
-        """What is wrong with a word that names nothing."""
+        """The problem with a word that names nothing, in words."""
         known = f"numbers from 0 to {self.count - 1}"
         if self.names:
             listed = ", ".join(self.names[:_LISTED]) + (", ..." if len(self.names) > _LISTED else "")

@@ -1,7 +1,7 @@
 """Writes a finite POMDP in Cassandra's format, so that reading it gives back a model with the same arrays.
 
-What the format cannot say stands in comments, and only where it is not what a reader would assume; see
-``pomdp_comments``. Probabilities and rewards are written with all their digits.
+Comments hold whatever the format cannot say, unless a reader would assume it anyway; see ``comments.py``.
+Probabilities and rewards are written with all their digits.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dpsearch.pomdp.model import TabularPOMDP
 
 T = TypeVar("T")
 
-_WORD = re.compile(r"[a-zA-Z][a-zA-Z0-9_-]*")  # what the original takes for a name
+_WORD = re.compile(r"[a-zA-Z][a-zA-Z0-9_-]*")  # a name in the original format
 _NOT_IN_WORDS = re.compile(r"[^a-zA-Z0-9_-]+")
 _IN_LINE = 16  # words
 _HEAD = """\
@@ -37,11 +37,11 @@ def write_pomdp_file(model: TabularPOMDP, path: str | os.PathLike[str]) -> None:
     """Writes a model.
 
     Args:
-        model: What to write.
-        path: Where to; a file that is there already is replaced.
+        model: The model to write.
+        path: Path of the file; an existing file is replaced.
 
     Raises:
-        ValueError: If the model is larger than what can be read, or the policy would receive nothing at all.
+        ValueError: If the model is too large to be read again, or its symbols have no features.
         OSError: If the file cannot be written.
     """
     for size, most, what in (
@@ -67,9 +67,9 @@ class _Row:
     """A row of T and R as it is written.
 
     Attributes:
-        probabilities: Of each next state, in the order of the model.
-        rewards: Of each next state that does not pay what the row pays in general.
-        reward: What it pays in general.
+        probabilities: Probability of each next state, in the order of the model.
+        rewards: Reward of each next state that differs from ``reward``.
+        reward: Reward of all other next states.
     """
 
     probabilities: dict[int, float]
@@ -81,7 +81,7 @@ class _Writer:
     def __init__(self, model: TabularPOMDP) -> None:
         self.model = model
         self.nothing_at_start = _sees_nothing_at_the_start(model)
-        self.n_symbols = model.n_symbols - self.nothing_at_start  # that the file knows of
+        self.n_symbols = model.n_symbols - self.nothing_at_start  # symbols that the file knows of
         self.names = (model.state_names, model.action_names, model.observation_names[: self.n_symbols])
         counts = (model.n_states, model.n_actions, self.n_symbols)
         self.words = [
@@ -137,7 +137,7 @@ class _Writer:
             yield from self._rewards(state, rows)
 
     def _comments(self) -> Iterator[str]:
-        """What the format cannot say, where a reader would assume something else."""
+        """Comments for whatever the format cannot say and a reader would not assume."""
         model, start = self.model, self.model.start
         for key, words, names in zip(NAME_KEYS, self.words, self.names, strict=True):
             if names and list(names) != words:
@@ -161,7 +161,7 @@ class _Writer:
             yield from comment_lines("terminal", np.flatnonzero(model.terminal).tolist())
 
     def _is_final(self, state: int) -> bool:
-        """Whether every action leads back to the state without reward."""
+        """Whether every action leads from the state back to it without reward."""
         return all(set(row.probabilities) == {state} and not row.reward and not row.rewards for row in self.rows[state])
 
     # Statements
@@ -177,7 +177,7 @@ class _Writer:
             yield from _wrapped("start:", map(repr, start.dense()[0].tolist()))
 
     def _merged(self, items: list[T]) -> Iterator[tuple[str, T]]:
-        """The word for each action and what holds for it; one word if that is the same for all."""
+        """Each action's word with its statement; ``*`` with one statement if all actions have the same."""
         if len(items) > 1 and all(item == items[0] for item in items):
             yield "*", items[0]
         else:
@@ -202,7 +202,7 @@ class _Writer:
 
 
 def _sees_nothing_at_the_start(model: TabularPOMDP) -> bool:
-    """Whether the last symbol, and what the rows of the pool are, is what a reader would assume."""
+    """Whether a reader would give the model this last symbol and these rows of the pool without a comment."""
     nothing = model.n_symbols - 1
     names, first = model.observation_names, model.first_observation_row
     used, which = np.unique(model.observation_row, return_inverse=True)
@@ -235,7 +235,7 @@ def _equal(one: Distributions, other: Distributions) -> bool:
 
 
 def _words(names: tuple[str, ...]) -> list[str]:
-    """A different word for each name, the name itself where it is one."""
+    """A different word for each name: the name itself if it is a word."""
     words: dict[str, None] = {}
     for number, name in enumerate(names):
         word = name
@@ -256,7 +256,7 @@ def _is_word(name: str) -> bool:
 
 
 def _wrapped(head: str, words: Iterable[str]) -> Iterator[str]:
-    """A statement on as many lines as it takes."""
+    """A statement, broken into lines."""
     parts = [head, *words]
     for first in range(0, len(parts), _IN_LINE):
         yield " ".join(parts[first : first + _IN_LINE])

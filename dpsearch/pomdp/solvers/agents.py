@@ -1,6 +1,6 @@
 """Policies that are not learned, for finite POMDPs: controllers with a finite memory, and policies on beliefs.
 
-They are the yardsticks of what is learned. Each is a few pure functions of its memory, an array with a row for each of
+Learned policies are measured by them. Each is a few pure functions of its memory, an array with a row for each of
 N episodes that are played side by side, so whoever plays it may drop rows as episodes end.
 """
 
@@ -40,8 +40,8 @@ class Controller:
 
     Attributes:
         actions: Probability of each action in each node, ``(K, A)``.
-        first: The node in which an episode begins that shows a symbol first, ``(Z,)``.
-        following: The node after a node, an action taken in it and the symbol that this led to, ``(K, A, Z)``.
+        first: First node of an episode, by the first symbol, ``(Z,)``.
+        following: Next node, by the node, the action taken in it and the symbol that followed, ``(K, A, Z)``.
 
     Raises:
         ValueError: If shapes do not fit, a node is out of range or probabilities do not sum to 1.
@@ -68,9 +68,9 @@ class Controller:
 
         Args:
             actions: The action of each node, ``(K,)``.
-            first: As above, ``(Z,)``.
-            following: The node that follows each node and symbol, ``(K, Z)``.
-            n_actions: A.
+            first: First node of an episode, by the first symbol, ``(Z,)``.
+            following: Next node, by the node and the symbol that followed, ``(K, Z)``.
+            n_actions: A, the number of actions.
 
         Raises:
             ValueError: If something does not fit.
@@ -84,14 +84,14 @@ class Controller:
 
     @classmethod
     def memoryless(cls, actions: ArrayLike) -> Controller:
-        """Acts by what is in sight: ``actions`` ``(Z, A)`` are the probabilities of actions for each symbol."""
+        """A memoryless controller: ``actions`` ``(Z, A)`` are the probabilities of actions for each symbol."""
         probabilities = np.asarray(actions, np.float64)
         symbols = np.arange(len(probabilities))
         return cls(probabilities, symbols, np.broadcast_to(symbols, (*probabilities.shape, len(symbols))))
 
     @classmethod
     def random(cls, pomdp: TabularPOMDP) -> Controller:
-        """Takes all actions equally often, whatever happens."""
+        """A controller that takes all actions with equal probability."""
         shape = (1, pomdp.n_actions, pomdp.n_symbols)
         return cls(np.full(shape[:2], 1 / pomdp.n_actions), np.zeros(shape[2], np.int64), np.zeros(shape, np.int64))
 
@@ -111,16 +111,16 @@ class Controller:
         return chosen
 
     def update(self, memory: Ints, actions: Ints, symbols: Ints) -> Ints:
-        """The nodes that follow."""
+        """The next nodes ``(N,)``."""
         return self.following[memory, actions, symbols]
 
 
 class BeliefAgent:
-    """Decides by the probability of each hidden state, which it works out by Bayes' rule; its memory is ``(N, S)``.
+    """An agent that decides by its belief, which it updates by Bayes' rule; its memory is ``(N, S)``.
 
     Args:
         pomdp: The model.
-        decide: From beliefs ``(N, S)`` to actions ``(N,)``.
+        decide: Function from beliefs ``(N, S)`` to actions ``(N,)``.
     """
 
     def __init__(self, pomdp: TabularPOMDP, decide: Callable[[Floats], Ints]) -> None:
@@ -133,22 +133,22 @@ class BeliefAgent:
         return self._filter.start(symbols)
 
     def choose(self, memory: Floats, uniforms: Floats) -> Ints:
-        """What was decided; nothing is drawn."""
+        """The actions that ``decide`` gives; nothing is drawn."""
         return self.decide(memory)
 
     def update(self, memory: Floats, actions: Ints, symbols: Ints) -> Floats:
         """The beliefs after a step. That the episode goes on rules out the states that would have ended it.
 
         Raises:
-            ValueError: If a symbol cannot be seen there in an episode that goes on.
+            ValueError: If a symbol is impossible after its action in an episode that goes on.
         """
         return self._filter.update(memory, actions, symbols, ended=np.zeros(len(symbols), np.bool_))
 
 
 def fully_observed(pomdp: TabularPOMDP) -> TabularPOMDP:
-    """The same task for an agent that sees the state: S symbols, each of which is the number of a state.
+    """The task with its hidden state in sight: S symbols, each the number of a state.
 
-    Played with the same seed, the states come out the same, for the same numbers draw them.
+    With equal seeds and actions, the states equal those of the original task, for the same numbers draw them.
     """
     states = np.arange(pomdp.n_states)
     sight = Distributions(np.arange(pomdp.n_states + 1), states, np.ones(pomdp.n_states), pomdp.n_states)

@@ -1,11 +1,12 @@
-"""What a policy with a finite memory achieves in a finite POMDP, exactly: nothing is sampled.
+"""Exact metrics of a finite-state controller in a finite POMDP, without sampling.
 
 The task and the controller together are a Markov chain over pairs (state, node). Two vectors are moved along it:
 
-    mass_t(x)   = P(L >= t, x_t = x)                   the episodes that still go on, and where they are
-    earned_t(x) = E[R_t; L >= t, x_t = x]              what these have earned by then
+    mass_t(x)   = P(L >= t, x_t = x)                   probability of still going on, in x
+    earned_t(x) = E[R_t; L >= t, x_t = x]              return of these episodes so far
 
-Episodes that end with step t leave both. What they take of ``earned`` over t sums to E[R / L], the thesis's metric.
+Episodes that end with step t leave both vectors. Their share of ``earned`` divided by t, summed over all t, is
+E[R / L], the thesis's metric.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class _Chain:
     Attributes:
         start: Probability of each pair at the start, ``(X,)``.
         moves: Probability of each pair, given the pair before, ``(X, X)`` as ``[after, before]``.
-        rewarded_moves: The same times the mean reward of that step.
+        rewarded_moves: ``moves`` times the mean reward of each step, ``(X, X)``.
         rewards: Mean reward of the step that follows a pair, ``(X,)``.
     """
 
@@ -102,10 +103,10 @@ class _Chain:
 
 
 def _expand(distributions: Distributions, rows: Ints) -> tuple[Ints, Ints, Floats]:
-    """All that may be drawn from some rows ``(n,)``.
+    """All outcomes that may be drawn from some rows ``(n,)``.
 
     Returns:
-        For each possibility, which of the n rows it is drawn from, what it is, and its probability.
+        For each possible outcome, the index of its row (below n), the outcome, and its probability.
     """
     lengths = np.diff(distributions.starts)[rows]
     entry, drawn = expanded(distributions.starts[rows], lengths)
@@ -113,15 +114,15 @@ def _expand(distributions: Distributions, rows: Ints) -> tuple[Ints, Ints, Float
 
 
 def controller_of(agent: BeliefAgent, most: int = 10_000, digits: int = 10) -> Controller:
-    """The controller that does what an agent on beliefs does, where the beliefs that it may ever have are few.
+    """The finite-state controller that acts as an agent on beliefs, if it can reach only a few beliefs.
 
     Args:
         agent: The agent.
-        most: The most nodes that it may have.
-        digits: Beliefs that agree in so many decimals are one node.
+        most: Largest number of nodes.
+        digits: Decimals in which the beliefs of one node agree.
 
     Raises:
-        ValueError: If it would have more.
+        ValueError: If the controller would need more nodes.
     """
     pomdp = agent.pomdp
     moves = [pomdp.transition_matrix(action) for action in range(pomdp.n_actions)]
@@ -146,7 +147,7 @@ def controller_of(agent: BeliefAgent, most: int = 10_000, digits: int = 10) -> C
 
 
 class _Nodes:
-    """Gives numbers to beliefs, the same one to those that agree."""
+    """Numbers for beliefs; beliefs that agree share one."""
 
     def __init__(self, most: int, digits: int) -> None:
         self.beliefs: list[Floats] = []

@@ -1,4 +1,4 @@
-"""Plays agents in finite POMDPs: many episodes side by side, of which only the sums are kept."""
+"""Plays agents in finite POMDPs: many episodes side by side, of which only sums are kept."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ ABREAST = 2_000
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """E episodes.
+    """The outcomes of E episodes.
 
     Attributes:
-        returns: Sum of the rewards of each, ``(E,)``.
-        discounted: Sum of the discounted rewards of each, ``(E,)``, the discount being the task's.
-        lengths: Steps of each, ``(E,)``.
-        terminated: Whether each came to its own end, not to the step cap, ``(E,)``.
+        returns: Sum of each episode's rewards, ``(E,)``.
+        discounted: Sum of each episode's rewards, discounted by the task's factor, ``(E,)``.
+        lengths: Steps of each episode, ``(E,)``.
+        terminated: Whether each episode ended by itself, not at the step limit, ``(E,)``.
     """
 
     returns: NDArray[np.float64]
@@ -34,7 +34,7 @@ class Played:
     terminated: NDArray[np.bool_]
 
     def metrics(self) -> Metrics:
-        """What they amount to."""
+        """The metrics of these episodes."""
         return metrics(self.returns, self.discounted, self.lengths)
 
 
@@ -42,11 +42,11 @@ def play(task: TabularTask, agent: Agent, episodes: int, seed: int = 0) -> Playe
     """Plays an agent.
 
     Args:
-        task: What to play, to its step cap.
-        agent: Who plays.
-        episodes: How many episodes, at least 1.
-        seed: The same number gives the same episodes. The task's own randomness in an episode depends on nothing
-            but the seed and which episode it is, whoever plays.
+        task: The task to play, up to its step limit.
+        agent: The agent that plays.
+        episodes: Number of episodes, at least 1.
+        seed: Seed of all randomness. The task's own random numbers depend on the seed and the number of the episode
+            alone, whichever agent plays.
 
     Raises:
         ValueError: If ``episodes`` is below 1 or the seed not in [0, 2**64).
@@ -86,5 +86,5 @@ def _play(task: TabularTask, agent: Agent, episodes: NDArray[np.int64], seed: in
 
 
 def _symbols(stepper: LaneStepper) -> NDArray[np.int64]:
-    """The symbol in sight of each episode: row 1 of the state of the kernel that finite POMDPs share."""
+    """The present symbol of each episode: row 1 of the kernel's state."""
     return stepper.state()[:, 1].astype(np.int64)

@@ -1,10 +1,10 @@
 """The optimum of a small finite POMDP from below, by point-based value iteration.
 
-The optimal value is a convex function of the belief. It is bounded from below by vectors, one for each of some plans:
-what the plan earns from each state; a belief's value is the largest of its products with them. A backup at a belief
-makes the vector of the best plan that takes one action there and then, by what is seen, goes on with a known plan.
-Here all beliefs of a set are backed up at once, again and again; the set is then extended by beliefs that the policy
-so found meets, where now and then it acts at random.
+The optimal value is a convex function of the belief. Vectors bound it from below, one for each of some plans: the
+return of the plan from each state. A belief's value is the largest of its products with the vectors. A backup at a
+belief makes the vector of the best plan that takes one action there and then, depending on the symbol, goes on with a
+known plan. All beliefs of a set are backed up at once, again and again; then the set is extended by beliefs that the
+resulting policy meets when it acts at random now and then.
 
 Source: J. Pineau, G. Gordon and S. Thrun, "Point-based value iteration: an anytime algorithm for POMDPs", IJCAI 2003;
 M. T. J. Spaan and N. Vlassis, "Perseus: randomized point-based value iteration for POMDPs", JAIR 24, 2005.
@@ -20,7 +20,7 @@ from dpsearch.pomdp.model import TabularPOMDP
 from dpsearch.pomdp.solvers.agents import BeliefAgent, Floats, Ints
 
 _DIGITS = 3  # beliefs that agree in so many decimals count as one
-_STEPS = 100  # of each episode in which beliefs are collected
+_STEPS = 100  # steps of each episode in which beliefs are collected
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +29,10 @@ class ValueVectors:
 
     Attributes:
         pomdp: The task.
-        discount: For which discount.
-        vectors: What each of M plans earns from each state, ``(M, S)``.
-        actions: The first action of each plan, ``(M,)``.
-        points: The beliefs at which the bound was raised, ``(N, S)``.
+        discount: Discount factor of the values.
+        vectors: Expected return of each of M plans from each state, ``(M, S)``.
+        actions: First action of each plan, ``(M,)``.
+        points: Beliefs at which the bound was raised, ``(N, S)``.
     """
 
     pomdp: TabularPOMDP
@@ -47,17 +47,17 @@ class ValueVectors:
         return best
 
     def decide(self, beliefs: Floats) -> Ints:
-        """The first actions ``(N,)`` of the best plans at beliefs ``(N, S)``."""
+        """First actions ``(N,)`` of the best plans at beliefs ``(N, S)``."""
         actions: Ints = self.actions[(beliefs @ self.vectors.T).argmax(axis=1)]
         return actions
 
     def agent(self) -> BeliefAgent:
-        """The policy."""
+        """The policy that goes with the bound."""
         return BeliefAgent(self.pomdp, self.decide)
 
     @property
     def start_value(self) -> float:
-        """The bound at the start of an episode, where the first symbol is yet to be seen."""
+        """The bound at the start of an episode, before the first symbol is seen."""
         return float(self.values(first_joint(self.pomdp)).sum())
 
 
@@ -78,13 +78,13 @@ def point_based(
 
     Args:
         pomdp: The task.
-        discount: Instead of the task's own. It must be below 1; 0.9999 in place of 1 changes a return of episodes of
-            some ten steps in its third decimal at most.
-        rounds: How often the set of beliefs is extended.
-        beliefs: By how many at most.
-        sweeps: The most sweeps of backups in a round.
-        tolerance: A round is over when no value has risen by more in a sweep.
-        seed: Of the beliefs that are met.
+        discount: Discount factor, below 1, instead of the task's own; 0.9999 in place of 1 changes a return of
+            episodes of some ten steps in its third decimal at most.
+        rounds: Number of times that the set of beliefs is extended.
+        beliefs: Most beliefs that a round adds.
+        sweeps: Most sweeps of backups in a round.
+        tolerance: Largest rise of a value in a sweep at which a round is over.
+        seed: Seed of the episodes in which beliefs are collected.
 
     Raises:
         ValueError: If the discount is not below 1.
@@ -106,11 +106,11 @@ def point_based(
 
 
 class Model:
-    """The tables of a task in the form that backups want.
+    """The tables of a task in the form that backups need.
 
     Args:
         pomdp: The task.
-        gamma: The discount.
+        gamma: The discount factor.
 
     Attributes:
         rewards: Mean reward of each action in each state, ``(S, A)``.
@@ -129,7 +129,7 @@ class Model:
         )
 
     def blind(self) -> ValueVectors:
-        """The plans to take one and the same action for ever."""
+        """The plans that repeat one action for ever."""
         all_seen = self.steps.sum(axis=1)
         unit = np.eye(self.pomdp.n_states)
         vectors = [
@@ -155,7 +155,7 @@ class Model:
         return vectors, actions
 
     def swept(self, bound: ValueVectors, points: Floats) -> ValueVectors:
-        """The bound after a backup at every belief; only what is best at some belief is kept."""
+        """The bound after a backup at every belief; only vectors that are best at some belief are kept."""
         vectors, actions = self.backed_up(bound, points)
         vectors, actions = np.concatenate([bound.vectors, vectors]), np.concatenate([bound.actions, actions])
         kept = np.unique((points @ vectors.T).argmax(axis=1))
@@ -164,7 +164,7 @@ class Model:
     def met(self, bound: ValueVectors, episodes: int, random: np.random.Generator) -> Floats:
         """Beliefs ``(n, S)`` met in episodes that the model plays by itself.
 
-        The first of them acts as the bound says, the last at random, and those between more and more so.
+        The first episode acts as the bound says, the last at random, and those between more and more randomly.
         """
         joint = first_joint(self.pomdp)
         weight = joint.sum(axis=1)
@@ -197,7 +197,7 @@ def first_joint(pomdp: TabularPOMDP) -> Floats:
 
 
 def _extended(points: Floats, met: Floats, most: int, random: np.random.Generator) -> Floats:
-    """Beliefs ``(N, S)``, and after them at most so many of those met that differ from them and from each other."""
+    """Beliefs ``(N, S)``, followed by at most ``most`` of those met that differ from them and from each other."""
     known = {row.tobytes() for row in points.round(_DIGITS)}
     different = np.unique(met.round(_DIGITS), axis=0, return_index=True)[1]
     new = np.array([i for i in different if met[i].round(_DIGITS).tobytes() not in known], np.int64)

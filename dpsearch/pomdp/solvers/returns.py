@@ -1,4 +1,4 @@
-"""What a policy achieves over its episodes, in four metrics, for the literature does not agree on one.
+"""The performance of a policy over its episodes, in four metrics, for the literature does not agree on one.
 
 Where episodes differ in length, three of them order policies differently: a policy may earn more in each episode by
 taking longer, or more in each step by ending episodes early. The thesis reports the mean over episodes of the reward
@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and how sure it is.
+    """A number with its standard error.
 
     Attributes:
         value: The number.
-        standard_error: Of the value: 0 where it was computed exactly, NaN where a single episode tells nothing of it.
+        standard_error: Standard error of the number: 0 if it is exact, NaN if there is a single episode.
     """
 
     value: float
@@ -28,14 +28,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Metrics:
-    """What a policy achieves in a task. R is the sum of an episode's rewards, L the number of its steps.
+    """The performance of a policy in a task. R is the sum of an episode's rewards, L the number of its steps.
 
     Attributes:
-        episode_return: E[R].
+        episode_return: E[R], the mean return.
         reward_per_step: E[R] / E[L], the ratio of sums: rewards of all episodes together over steps of all together.
         thesis_metric: E[R / L], the mean of ratios, in which a short episode counts as much as a long one.
         discounted_return: E[r_1 + gamma r_2 + gamma^2 r_3 ...], from the start of an episode.
-        steps: E[L].
+        steps: E[L], the mean length.
     """
 
     episode_return: Estimate
@@ -50,8 +50,8 @@ def metrics(returns: ArrayLike, discounted: ArrayLike, lengths: ArrayLike) -> Me
 
     Args:
         returns: Sum of rewards of each episode, ``(E,)``.
-        discounted: Sum of its discounted rewards, ``(E,)``; see :func:`discounted_sums`.
-        lengths: Number of its steps, ``(E,)``.
+        discounted: Sum of discounted rewards of each episode, ``(E,)``; see :func:`discounted_sums`.
+        lengths: Number of steps of each episode, ``(E,)``.
 
     Raises:
         ValueError: If the shapes differ, there is no episode, or an episode has no step.

@@ -1,8 +1,8 @@
-"""The optimum of a small finite POMDP from above: with the bound from below it says what can be achieved at all.
+"""An upper bound on the optimum of a small finite POMDP; with the lower bound it encloses the optimum.
 
 The optimal value is a convex function of the belief. So it lies below the straight lines between its values at the
 corners, where the state is certain, and below those that lead from there to its value at any other belief: a sawtooth.
-Backups lower the values at the corners and at some beliefs between, which start as if the state were seen.
+Backups lower the values at the corners and at some beliefs between; they start at the values of seen states.
 
 Source: M. Hauskrecht, "Value-function approximations for partially observable Markov decision processes", JAIR 13,
 2000, section 4.6.
@@ -18,14 +18,14 @@ from dpsearch.pomdp.solvers.value_iteration import value_iteration
 
 
 def upper_bound(lower: ValueVectors, *, sweeps: int = 1_000, tolerance: float = 1e-8) -> float:
-    """More than this cannot be earned from the start of an episode on, without a step cap.
+    """An upper bound on the return from the start of an episode, without a step limit.
 
     The more beliefs, the tighter; time and memory grow with the square of their number. For small tasks.
 
     Args:
-        lower: A bound from below. Values are backed up at the beliefs that this was made with.
-        sweeps: The most sweeps of backups.
-        tolerance: Enough of them when no value has fallen by more.
+        lower: A lower bound. Values are backed up at its beliefs.
+        sweeps: Most sweeps of backups.
+        tolerance: Largest fall of a value in a sweep at which the search is over.
     """
     model = Model(lower.pomdp, lower.discount)
     states, points = lower.pomdp.n_states, lower.points

@@ -1,6 +1,6 @@
-"""The optimum where the hidden state is seen, by value iteration (Bellman, 1957).
+"""Value iteration (Bellman, 1957): the optimum of a task whose hidden state is seen.
 
-It bounds from above what can be achieved by what the agent really sees, and is what QMDP and its like build on.
+It is an upper bound for agents that see only the symbols, and the basis of QMDP and similar policies.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _MOST_SWEEPS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The best that an agent can do that sees the state.
+    """The optimum of an agent that sees the state.
 
     Attributes:
         values: Optimal expected sum of discounted rewards from each state, ``(S,)``.
-        action_values: The same if the next action is given, ``(S, A)``.
-        policy: An optimal action in each state, ``(S,)``; the first of equally good ones.
+        action_values: Optimal expected sum of discounted rewards from each state after each action, ``(S, A)``.
+        policy: Optimal action in each state, ``(S,)``; the first of equally good ones.
         start_value: The optimal value at the start of an episode.
     """
 
@@ -41,15 +41,15 @@ class Solution:
 def value_iteration(
     pomdp: TabularPOMDP, discount: float | None = None, *, steps: int | None = None, tolerance: float = 1e-11
 ) -> Solution:
-    """The optimum of a task that is seen in full.
+    """The optimum of a task whose state is seen.
 
     Args:
         pomdp: The task.
-        discount: Instead of the task's own. It may be 1 where no agent can earn more and more for ever; without a
-            price of time, however, the policy found may then be one that never gets to its reward.
-        steps: How many steps are left: backward induction, and the policy is that of the first of them. As many as
-            it takes by default.
-        tolerance: By how much the values still move in the last sweep, if ``steps`` is not given.
+        discount: Discount factor instead of the task's own. It may be 1 if returns are bounded; without a price of
+            time, however, the policy found may then be one that never gets to its reward.
+        steps: Number of steps left, for backward induction; the policy is that of the first of them. None
+            iterates until the values settle.
+        tolerance: Largest change of a value in the last sweep, if ``steps`` is None.
 
     Raises:
         ArithmeticError: If the values do not settle.
