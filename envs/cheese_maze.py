@@ -56,7 +56,7 @@ STARTS = {
 }
 """The cells in which an episode may begin."""
 PATTERNS = tuple(dict.fromkeys(tuple(walls) for walls in GRID.walls.tolist()))
-"""Whether there is a wall in each direction, for each symbol; in the order in which the cells show them first."""
+"""Walls in each direction, for each symbol; in the order in which the cells show them first."""
 SYMBOLS = tuple(walls_seen(DIRECTIONS, pattern) for pattern in PATTERNS)
 
 FOUND = 1.0
@@ -101,11 +101,11 @@ def cheese_maze_pomdp(start: str = "dead_ends", bump_reward: float = -1.0) -> Ta
 
 
 def threshold(bump_reward: float) -> float | None:
-    """What counts as solved: the cheese always found, and a wall met in one episode of ten.
+    """Mean return that counts as solved: the cheese always found, and a wall met in one episode of ten.
 
     There is no such return unless walls cost something: whoever walks at random finds the cheese in the end. To reach
-    it takes no memory, only care: a policy that walks about at random between walls gets there after 20 steps. Memory
-    makes it 6, which the discounted return tells: 0.168 instead of 0.026.
+    the threshold takes no memory, only care: a policy that walks about at random between walls gets there after 20
+    steps. With memory it takes 6, and the discounted return is 0.168 instead of 0.026.
     """
     return FOUND + 0.1 * bump_reward if bump_reward < 0.0 else None
 
@@ -118,14 +118,14 @@ class CheeseMaze(TabularEnv):
         bump_reward: Reward for walking into a wall.
         max_episode_steps: Steps after which an episode is cut off; 500 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
-        reveal: What drawings show; see :class:`TabularEnv`.
+        reveal: Secrets that drawings show: "state", "belief" or "nothing"; see :class:`TabularEnv`.
 
     Attributes:
         start: "dead_ends" or "anywhere".
         bump_reward: Reward for walking into a wall.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class CheeseMaze(TabularEnv):
     def make_task(
         cls, start: str = "dead_ends", bump_reward: float = -1.0, max_episode_steps: int | None = None
     ) -> TabularTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         limit = LIMIT if max_episode_steps is None else max_episode_steps
         return tabular_task(cheese_maze_pomdp(start, bump_reward), limit, threshold(bump_reward))
 

@@ -63,9 +63,10 @@ SLIPS = {
     "sideways": ((0.1, 0.8, 0.1, 0.0),) * 4,
     "any_way": ((0.115, 0.655, 0.115, 0.115),) * 2 + ((0.115, 0.745, 0.115, 0.025),) * 2,
 }
-"""For each action the probabilities of moving a quarter turn to the left of it, there, to the right, and back.
+"""For each action, the probabilities of moving a quarter turn to the left of it, in its direction, to the right, and
+back.
 
-Any way: as the authors of the thesis once published the task. There each rival of an action takes its place with
+"any_way" is the task as the authors of the thesis once published it. There each rival of an action takes its place with
 probability 0.1, and then any action does with 0.1. Rivals were to be all but the opposite direction, it seems, but by a
 slip of operator precedence none is left out for north and east. So 0.655 is 0.9 * 0.7 + 0.1 / 4, and 0.115 is 0.9 * 0.1
 + 0.1 / 4.
@@ -78,8 +79,8 @@ THRESHOLDS = {
     ("sideways", MINUS_REWARD, True): 0.6,
     ("any_way", STEP, False): 0.78,
 }
-"""By the arguments. Means of 100 episodes of the optimal policies are 0.76, 0.70 and 0.83, with standard deviations of
-0.03, 0.05 and 0.01."""
+"""Mean return that counts as solved, by slips, minus_reward and minus_ends. Means of 100 episodes of the optimal
+policies are 0.76, 0.70 and 0.83, with standard deviations of 0.03, 0.05 and 0.01."""
 
 
 def maze4x3_pomdp(
@@ -90,7 +91,7 @@ def maze4x3_pomdp(
     Args:
         minus_ends: Whether an episode ends in ``-``.
         slips: "sideways" or "any_way".
-        minus_reward: For a step that ends in ``-``.
+        minus_reward: Reward of a step that ends in ``-``.
 
     Raises:
         ValueError: If ``minus_ends`` is not a bool, ``slips`` neither, or ``minus_reward`` not a finite number.
@@ -105,7 +106,7 @@ def maze4x3_pomdp(
     cell, ways = np.arange(n)[:, None], np.array(SLIPS[slips])
     action, way = np.nonzero(ways)  # (K,): those that may happen
     next_cell = GRID.neighbours[cell, (action + way - 1) % 4]  # (n, K)
-    earned = np.full(n, STEP)  # for a step that ends in a cell
+    earned = np.full(n, STEP)  # reward of a step that ends in each cell
     earned[[PLUS, MINUS]] = 1.0, minus_reward
     left, right = GRID.walls[:, WEST], GRID.walls[:, EAST]
     seen = np.select([left & right, left, right], [BOTH_WALLS, WALL_LEFT, WALL_RIGHT], NO_WALLS)
@@ -137,18 +138,18 @@ class Maze4x3(TabularEnv):
     Args:
         minus_ends: Whether an episode ends in ``-``.
         slips: "sideways" or "any_way".
-        minus_reward: For a step that ends in ``-``.
+        minus_reward: Reward of a step that ends in ``-``.
         max_episode_steps: Steps after which an episode is cut off; 100 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
-        reveal: What drawings show; see :class:`TabularEnv`.
+        reveal: Secrets that drawings show: "state", "belief" or "nothing"; see :class:`TabularEnv`.
 
     Attributes:
         minus_ends: Whether an episode ends in ``-``.
         slips: "sideways" or "any_way".
-        minus_reward: For a step that ends in ``-``.
+        minus_reward: Reward of a step that ends in ``-``.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     def __init__(
@@ -173,7 +174,7 @@ class Maze4x3(TabularEnv):
         minus_reward: float = MINUS_REWARD,
         max_episode_steps: int | None = None,
     ) -> TabularTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         limit = LIMIT if max_episode_steps is None else max_episode_steps
         threshold = THRESHOLDS.get((slips, minus_reward, minus_ends))
         return tabular_task(maze4x3_pomdp(minus_ends, slips, minus_reward), limit, threshold)
@@ -187,7 +188,7 @@ class Maze4x3(TabularEnv):
         return maze_drawing.text(self.moment(), GRID, self._look())
 
     def _look(self) -> maze_drawing.Look:
-        """What there is to be said about it."""
+        """The words of the drawing."""
         look = maze_drawing.MAZE4X3
         if self.slips == "any_way":
             often = "2 times out of 3 it goes where it wants to, to the south and west 3 times out of 4. Else it slips."

@@ -15,11 +15,11 @@
         +---+---+---+---+---+
 
 - *Start:* any of the 22 numbered cells and any of the four headings, equally likely.
-- *Actions:* 0 forward, 1 turn left, 2 turn right, 3 turn about, 4 do nothing. What comes of them, by its probability:
+- *Actions:* 0 forward, 1 turn left, 2 turn right, 3 turn about, 4 do nothing. Their effects, by probability:
 
   ============  ===================================================================================================
   forward       0.8 to the cell ahead; 0.05 stays; 0.05 to the cell on the left, now facing left; 0.05 to the cell
-                on the right, now facing right; 0.025 to the cell behind; 0.025 likewise, turned about. Where a wall
+                on the right, now facing right; 0.025 to the cell behind; 0.025 to that cell, turned about. Where a wall
                 is in the way, the agent stays as it was
   turn left     0.7 left, 0.1 right, 0.1 about, 0.1 no turn
   turn right    0.7 right, 0.1 left, 0.1 about, 0.1 no turn
@@ -64,7 +64,7 @@ GRID = Grid.read(MAP)
 CELLS = GRID.cells
 """Row and column of each cell; state ``s`` is in cell ``s // 4``, the goal's too."""
 HEADINGS = DIRECTIONS
-"""State ``s`` faces ``HEADINGS[s % 4]``, but for the goal, which has no heading."""
+"""State ``s`` faces ``HEADINGS[s % 4]``, except for the goal, which has no heading."""
 GOAL = 4 * GRID.marks.index("G")
 """The state of arrival, 88."""
 ACTIONS = ("forward", "turn left", "turn right", "turn about", "do nothing")
@@ -72,7 +72,7 @@ FORWARD, TURN_LEFT, TURN_RIGHT, TURN_ABOUT, DO_NOTHING = range(5)
 SIDES = ("front", "right", "back", "left")
 FRONT, RIGHT, BACK, LEFT = range(4)
 BITS = np.array(tuple(itertools.product((0, 1), repeat=4)))
-"""What the agent receives for each symbol, ``(16, 4)``: the binary digits of its number."""
+"""The agent's input for each symbol, ``(16, 4)``: the binary digits of its number."""
 SYMBOLS = tuple(walls_seen(SIDES, bits) for bits in BITS)
 
 WALL_SEEN, PHANTOM_SEEN = 0.9, 0.05
@@ -82,7 +82,7 @@ LIMIT = 251
 REWARD_THRESHOLD = 0.95
 """Of 100 episodes 95 reach the goal, as in the thesis's best result."""
 
-# What comes of an action: probability, side moved to or None, quarter turns to the right.
+# Effects of each action: probability, side moved to or None, quarter turns to the right.
 _OUTCOMES: tuple[tuple[tuple[float, int | None, int], ...], ...] = (
     (
         (0.8, FRONT, 0),
@@ -157,10 +157,10 @@ class Maze89(TabularEnv):
     Args:
         max_episode_steps: Steps after which an episode is cut off; 251 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
-        reveal: What drawings show; see :class:`TabularEnv`.
+        reveal: Secrets that drawings show: "state", "belief" or "nothing"; see :class:`TabularEnv`.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class Maze89(TabularEnv):
 
     @classmethod
     def make_task(cls, max_episode_steps: int | None = None) -> TabularTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         return tabular_task(maze89_pomdp(), LIMIT if max_episode_steps is None else max_episode_steps, REWARD_THRESHOLD)
 
     def picture(self) -> Frame:

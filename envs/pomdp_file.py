@@ -17,7 +17,8 @@
   are 0 at the start.
 - *End:* in states that every action leads back to without reward, and that are no start states; or after 100 steps.
 
-``pomdp_reader`` has the details, and ``pomdp_comments`` the comments by which a file can say more.
+``dpsearch/pomdp/file_format/`` has the details in ``reader.py``, and in ``comments.py`` the comments by which a file
+can say more.
 
 Source: A. R. Cassandra, "POMDP file format", pomdp.org.
 """
@@ -41,17 +42,17 @@ class POMDP(TabularEnv):
     """One finite POMDP from a file.
 
     Args:
-        path: The file.
+        path: Path of the file.
         max_episode_steps: Steps after which an episode is cut off; by default as many as it takes until a reward counts
             for 1% by the file's discount factor, at least 100 and at most 10,000.
         render_mode: "ansi" (text) or None.
-        reveal: What the text shows; see :class:`TabularEnv`.
+        reveal: Secrets that the text shows: "state", "belief" or "nothing"; see :class:`TabularEnv`.
 
     Attributes:
-        path: The file.
+        path: Path of the file.
 
     Raises:
-        ValueError: If an argument is none of these, or the file cannot be read: a ``PomdpFileError`` that names the
+        ValueError: If an argument is not accepted, or the file cannot be read: a ``PomdpFileError`` that names the
             line.
     """
 
@@ -69,7 +70,7 @@ class POMDP(TabularEnv):
 
     @classmethod
     def make_task(cls, path: str | os.PathLike[str], max_episode_steps: int | None = None) -> TabularTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         model = read_pomdp_file(path)
         return tabular_task(model, default_limit(model.discount) if max_episode_steps is None else max_episode_steps)
 

@@ -45,14 +45,17 @@ LISTENING, TIGER, PRIZE = -1.0, -100.0, 10.0
 LIMIT = 100
 
 THRESHOLD_PER_STEP = 0.8
-"""Of the iterated problem: 80 in 100 steps.
+"""Mean reward per step that counts as solved in the iterated problem: 80 in 100 steps.
 
 The return is noisy, for one tiger in a hundred steps costs as much as all the rest earns: its standard deviation is 98
 for the optimal policy, that of the mean of 100 episodes 9.8. That policy (106 on average) passes almost always, and so
 does the more careful one that waits until one side leads by three (96 on average); one that waits for four (59) fails.
 """
 SINGLE_THRESHOLD = 2.0
-"""With ``single=True``. The mean of 100 episodes of the optimal policy is 4.0, with a standard deviation of 1.9."""
+"""Mean return that counts as solved with ``single=True``.
+
+The mean of 100 episodes of the optimal policy is 4.0, with a standard deviation of 1.9.
+"""
 
 
 def tiger_pomdp(single: bool = False) -> TabularPOMDP:
@@ -89,7 +92,7 @@ def tiger_pomdp(single: bool = False) -> TabularPOMDP:
         discount=0.75,
         state_names=STATES[:n],
         action_names=ACTIONS,
-        observation_names=SYMBOLS[:NOTHING],  # to which the table adds "nothing", all zeros, for the start
+        observation_names=SYMBOLS[:NOTHING],  # from_dense adds "nothing", all zeros, for the start
     )
 
 
@@ -100,13 +103,13 @@ class Tiger(TabularEnv):
         single: Whether opening a door ends the episode.
         max_episode_steps: Steps after which an episode is cut off; 100 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
-        reveal: What drawings show; see :class:`TabularEnv`.
+        reveal: Secrets that drawings show: "state", "belief" or "nothing"; see :class:`TabularEnv`.
 
     Attributes:
         single: Whether opening a door ends the episode.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     def __init__(
@@ -121,7 +124,7 @@ class Tiger(TabularEnv):
 
     @classmethod
     def make_task(cls, single: bool = False, max_episode_steps: int | None = None) -> TabularTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         limit = LIMIT if max_episode_steps is None else max_episode_steps
         return tabular_task(tiger_pomdp(single), limit, SINGLE_THRESHOLD if single else THRESHOLD_PER_STEP * limit)
 

@@ -45,7 +45,7 @@ SIGN_UP, SIGN_DOWN, CORRIDOR, JUNCTION = range(4)
 LONGEST = 100_000
 RIGHT_TURN, WRONG_TURN, BUMP = 4.0, -0.1, -0.1
 REWARD_THRESHOLD = 3.8
-"""At least 96 of 100 signs remembered."""
+"""Mean return that counts as solved: at least 96 of 100 signs remembered."""
 
 ENCODINGS = {
     "bits": ((0, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 0)),
@@ -63,11 +63,11 @@ def tmaze_pomdp(
 
     Args:
         corridor_length: N, the position of the junction, from 1 to 100,000.
-        encoding: "bits" or "one_hot".
-        wrong_turn_reward: For the turn against the sign.
+        encoding: Encoding of symbols: "bits" or "one_hot".
+        wrong_turn_reward: Reward of the turn against the sign.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
     n = _checked_length(corridor_length)
     if not math.isfinite(wrong_turn_reward):
@@ -127,20 +127,20 @@ class TMaze(TabularEnv):
 
     Args:
         corridor_length: N, the position of the junction, from 1 to 100,000.
-        encoding: "bits" or "one_hot".
-        wrong_turn_reward: For the turn against the sign. With 4, any turn is right and nothing need be remembered: the
-            printed numbers of the thesis's tables 6.1 and 7.2 are those of such a task.
+        encoding: Encoding of symbols: "bits" or "one_hot".
+        wrong_turn_reward: Reward of the turn against the sign. With 4, any turn is right and nothing need be
+            remembered: the printed numbers of the thesis's tables 6.1 and 7.2 are those of such a task.
         max_episode_steps: Steps after which an episode is cut off; max(1000, 10 (N + 1)) by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
-        reveal: What drawings show; see :class:`TabularEnv`.
+        reveal: Secrets that drawings show: "state", "belief" or "nothing"; see :class:`TabularEnv`.
 
     Attributes:
-        corridor_length: N.
-        encoding: How symbols become inputs.
-        wrong_turn_reward: For the turn against the sign.
+        corridor_length: N, the position of the junction.
+        encoding: Encoding of symbols: "bits" or "one_hot".
+        wrong_turn_reward: Reward of the turn against the sign.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class TMaze(TabularEnv):
         wrong_turn_reward: float = WRONG_TURN,
         max_episode_steps: int | None = None,
     ) -> TabularTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         limit = default_limit(corridor_length) if max_episode_steps is None else max_episode_steps
         return tabular_task(tmaze_pomdp(corridor_length, encoding, wrong_turn_reward), limit, REWARD_THRESHOLD)
 

@@ -31,7 +31,7 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
         task: The task that is played.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -177,7 +177,7 @@ class VectorOf(KernelVectorEnv):
         **arguments: Arguments of the scalar class's ``make_task``.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     scalar: ClassVar[type[MakesTask]]

@@ -89,7 +89,7 @@ class TabularEnv(KernelEnv):
         reveal: What drawings show besides the observation.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     metadata = {"render_modes": ["rgb_array", "human", "ansi"], "render_fps": 4}

@@ -71,7 +71,7 @@ class Row:
         return replace(self, solved=solved, mean=solved / self.runs, ci_low=low, ci_high=high)
 
     def with_report(self, low: float, high: float | None) -> Self:
-        """This row with numbers that others report: a range, one number twice, or no success by ``low`` (``high`` None)."""
+        """This row with others' numbers: a range, one number twice, or, if ``high`` is None, no success by ``low``."""
         if high is None:
             return replace(self, solved=0, ci_low=low)
         if low == high:

@@ -66,7 +66,7 @@ class EnvRecipe:
         return metadata is None or "rgb_array" in metadata.get("render_modes", ())
 
     def rollouts(self, *, threads: int = 1, num_envs: int | None = None, on_error: OnError = "raise") -> Rollouts:
-        """The engine that plays its episodes; see ``make_rollouts`` for the arguments.
+        """The engine that plays episodes of the environment; see ``make_rollouts`` for the arguments.
 
         Raises:
             RunError: If the environment cannot be made, or its spaces are of a kind that no policy can handle.

@@ -19,26 +19,26 @@ _TOP, _BOTTOM, _LARGEST_CELL = 114.0, 406.0, 92.0
 _COMPASS: tuple[Point, ...] = ((0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0))  # as in DIRECTIONS
 _SIDES = ("ahead", "on the right", "behind", "on the left")
 _ROCK = "#ddd8cc"
-_FILLS = {"+": palette.MINT, "G": palette.MINT, "T": palette.MINT, "-": palette.ROSE}  # of marked cells
-_TURNS = {"turn left": 3, "turn right": 1, "turn about": 2, "do nothing": 0}  # quarters to the right
+_FILLS = {"+": palette.MINT, "G": palette.MINT, "T": palette.MINT, "-": palette.ROSE}  # fill of marked cells
+_TURNS = {"turn left": 3, "turn right": 1, "turn about": 2, "do nothing": 0}  # quarter turns to the right
 _TURNED = ("did not turn", "turned right", "turned about", "turned left")
 
 _Felt = tuple[bool | None, ...]
-"""Whether walls are felt to the north, east, south and west, or on four sides; None where it cannot be felt."""
+"""Whether a wall is felt to the north, east, south and west, or on four sides; None where the agent cannot feel."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What there is to be said about a maze.
+    """The words of a maze's drawing.
 
     Attributes:
-        title: Its name.
-        aim: What is to be done.
-        rules: How it works, in a few sentences.
-        goal: What the end is called.
-        felt: For each symbol which walls it tells of, if its inputs are not one for each side. A symbol beyond
-            these tells of none.
-        minus: What is written into the cell ``-``.
+        title: Name of the maze.
+        aim: The aim in words.
+        rules: The rules in a few sentences.
+        goal: Name of the goal.
+        felt: Walls that each symbol tells of, unless its inputs are one for each side. A symbol beyond these tells of
+            none.
+        minus: Label of the cell ``-``.
     """
 
     title: str
@@ -49,7 +49,7 @@ class Look:
     minus: str = "-1"
 
     def label(self, mark: str) -> str | None:
-        """What is written into a cell that is so marked; None if nothing is."""
+        """Label of a cell with this mark; None if it has none."""
         return {"+": "+1", "-": self.minus, "G": "+1"}.get(mark)
 
 
@@ -89,12 +89,12 @@ MAZE89 = Look(
 
 @dataclass(frozen=True)
 class _View:
-    """A moment in words of mazes.
+    """A moment of a maze, for its drawing.
 
     Attributes:
-        moment: The moment.
+        moment: The moment that is drawn.
         grid: The maze.
-        look: What there is to be said about it.
+        look: The words of the drawing.
     """
 
     moment: Moment
@@ -103,7 +103,7 @@ class _View:
 
     @property
     def headed(self) -> bool:
-        """Whether the agent faces one of four directions."""
+        """Whether the agent has a heading."""
         return self.moment.pomdp.n_states > len(self.grid.cells)
 
     def pose(self, state: int) -> tuple[int, int]:
@@ -115,7 +115,7 @@ class _View:
 
     @property
     def felt(self) -> _Felt:
-        """Which walls the agent feels, to the north or ahead first."""
+        """Walls that the agent feels, the one to the north or ahead first."""
         if self.look.felt is None:
             return tuple(value > 0 for value in self.moment.inputs)
         symbol = self.moment.symbol
@@ -123,7 +123,7 @@ class _View:
 
     @property
     def wrong(self) -> tuple[bool, ...]:
-        """For each side whether what is felt is not so, as far as the spectator may know."""
+        """Sides on which the agent feels wrongly, as far as the spectator may know."""
         if not self.moment.state_shown:
             return (False,) * 4
         cell, heading = self.pose(self.moment.state)
@@ -157,7 +157,7 @@ class _View:
         return beliefs
 
     def message(self) -> Message:
-        """What goes on."""
+        """Sentence about the moment."""
         moment = self.moment
         if moment.terminated and self.mark == "-":
             return Message(f"It came to {self.look.minus}, and that is the end.", palette.RED)
@@ -178,12 +178,12 @@ class _View:
 
     @property
     def wish(self) -> str:
-        """What the agent wanted to do."""
+        """Words for the last action that the agent wanted."""
         did = self.moment.did
         return f"go {did}" if did in DIRECTIONS else "go ahead" if did == "forward" else did
 
     def _story(self) -> Message:
-        """What the last action did, in a sentence."""
+        """Sentence about the effect of the last action."""
         moment, wanted, went = self.moment, self.wanted, self.went
         assert moment.last_state is not None
         before, now = self.pose(moment.last_state), self.pose(moment.state)
@@ -232,7 +232,7 @@ def picture(moment: Moment, grid: Grid, look: Look) -> Frame:
 
 
 def _cells(canvas: Canvas, view: _View, centers: list[Point], size: float) -> None:
-    """The cells, darker where the agent probably is."""
+    """Draws the cells, darker where the agent probably is."""
     half = size / 2
     here = view.pose(view.moment.state)[0] if view.moment.state_shown else None
     beliefs = None if view.moment.belief is None else view.cell_beliefs()
@@ -248,7 +248,7 @@ def _cells(canvas: Canvas, view: _View, centers: list[Point], size: float) -> No
 
 
 def _mark(canvas: Canvas, mark: str, label: str | None, center: Point, size: float) -> None:
-    """What there is in a cell."""
+    """Draws the mark of a cell."""
     if mark == "T":
         _cheese(canvas, center, size * 0.3)
     elif label is not None:
@@ -256,7 +256,7 @@ def _mark(canvas: Canvas, mark: str, label: str | None, center: Point, size: flo
 
 
 def _probability(canvas: Canvas, center: Point, size: float, belief: NDArray[np.float64], color: str) -> None:
-    """The probability of a cell, and at its edges those of the headings there."""
+    """Writes the probability of a cell, and at its edges the probabilities of the headings."""
     (x, y), total = center, float(belief.sum())
     below = 0.25 if len(belief) == 1 else 0.2
     canvas.text((x, y + size * below), tabular_drawing.percent(total), max(13, round(size / 5)), color, "mm")
@@ -286,7 +286,7 @@ def _walls(canvas: Canvas, view: _View, centers: list[Point], size: float) -> No
 
 
 def _agent(canvas: Canvas, view: _View, centers: list[Point], size: float) -> None:
-    """The agent; where it was before; and an arrow the way it wanted to go, if it went another."""
+    """Draws the agent, its last place, and an arrow the way it wanted to go, if it went another."""
     moment, wanted = view.moment, view.wanted
     cell, heading = view.pose(moment.state)
     crowded = moment.belief is not None
@@ -305,7 +305,7 @@ def _agent(canvas: Canvas, view: _View, centers: list[Point], size: float) -> No
 
 
 def _cheese(canvas: Canvas, center: Point, r: float) -> None:
-    """A wedge of cheese."""
+    """Draws a wedge of cheese."""
 
     def at(x: float, y: float) -> Point:
         return center[0] + r * x, center[1] + r * y
@@ -320,7 +320,7 @@ def _cheese(canvas: Canvas, center: Point, r: float) -> None:
 
 
 def _feel(canvas: Canvas, center: Point, view: _View) -> None:
-    """The walls that the agent feels around it; red ones are wrong."""
+    """Draws the walls that the agent feels around it; red ones are wrong."""
     x, y = center[0], center[1] - 12
     label = view.look.label({"at +": "+", "at -": "-"}.get(view.moment.sees, ""))
     if label is not None:
@@ -344,7 +344,7 @@ def _feel(canvas: Canvas, center: Point, view: _View) -> None:
 
 
 def _notes(canvas: Canvas, view: _View, x: float) -> None:
-    """Beside the maze: how it works, and what the colors mean."""
+    """Writes the rules and the meaning of the colors beside the maze."""
     width, y = WIDTH - MARGIN - x, 122.0
     for rule in view.look.rules:
         canvas.disc((x + 4, y + 12), 3, palette.FAINT)

@@ -9,8 +9,8 @@ from dpsearch.pomdp import cards as tabular_drawing
 from dpsearch.pomdp.env import Moment
 
 _AT_LRV, _SPACE, _AT_MRV = 1, 2, 3  # places from left to right, between the docks 0 and 4
-_TO_LRV, _TO_MRV = -1, 1  # where the nose points; LRV is drawn at the left
-_POSES = (  # of the eight states
+_TO_LRV, _TO_MRV = -1, 1  # direction of the nose in each state; LRV is drawn at the left
+_POSES = (  # places of the eight states
     (0, _TO_MRV),
     (_AT_MRV, _TO_MRV),
     (_SPACE, _TO_MRV),
@@ -59,7 +59,7 @@ def picture(moment: Moment) -> Frame:
 
 
 def _label(canvas: Canvas, center: Point, text: str, size: int, color: str) -> None:
-    """Text without stars between its letters."""
+    """Writes text on a patch without stars."""
     (x, y), half = center, canvas.text_width(text, size) / 2
     canvas.box((x - half, y - size / 2), (x + half, y + size / 2), palette.NIGHT)
     canvas.text(center, text, size, color, "mm")
@@ -74,7 +74,7 @@ def _message(moment: Moment) -> Message:
 
 
 def _sight(moment: Moment) -> Message:
-    """What the agent sees, in a sentence."""
+    """Sentence about the observation."""
     sights = {
         "sees LRV": "Ahead is the least recently visited station, which accepts cargo.",
         "sees MRV": "Ahead is the station that was visited last.",
@@ -86,7 +86,7 @@ def _sight(moment: Moment) -> Message:
 
 
 def _story(moment: Moment) -> Message:
-    """What the last action did, in a sentence."""
+    """Sentence about the effect of the last action."""
     assert moment.last_state is not None
     assert moment.last_reward is not None
     (before, nose), (place, now) = _POSES[moment.last_state], _POSES[moment.state]
@@ -140,7 +140,7 @@ def _star(center: Point, radius: float, points: int) -> list[Point]:
 
 
 def _shuttle(canvas: Canvas, center: Point, length: float, nose: int, color: str, thrust: int = 0) -> None:
-    """The shuttle. ``nose`` is -1 if it points to the left; ``thrust`` is 1 if it flies forward, -1 backward."""
+    """Draws the shuttle. ``nose`` is -1 if it points to the left; ``thrust`` is 1 if it flies forward, -1 backward."""
 
     def at(along: float, across: float) -> Point:
         return center[0] + length * along * nose, center[1] + length * across
@@ -161,7 +161,7 @@ def _shuttle(canvas: Canvas, center: Point, length: float, nose: int, color: str
 
 
 def _station(canvas: Canvas, center: Point, scale: float, accepting: bool) -> None:
-    """A ring with solar panels, and a lamp that is green where cargo is accepted."""
+    """Draws a station: a ring with solar panels, and a lamp that is green where cargo is accepted."""
     x, y = center
     for side in (-1, 1):
         canvas.line((x, y), (x, y + side * 54 * scale), palette.FAINT, 5 * scale)
@@ -176,7 +176,7 @@ def _station(canvas: Canvas, center: Point, scale: float, accepting: bool) -> No
 
 
 def _view(canvas: Canvas, center: Point, radius: float, moment: Moment) -> None:
-    """What the agent sees, through a round window."""
+    """Draws the observation through a round window."""
     canvas.disc(center, radius, palette.NIGHT, palette.FAINT)
     if "LRV" in moment.sees or "MRV" in moment.sees:
         docked = moment.sees.startswith("docked")
@@ -187,7 +187,7 @@ def _view(canvas: Canvas, center: Point, radius: float, moment: Moment) -> None:
 
 
 def _chart(canvas: Canvas, moment: Moment) -> None:
-    """The probability of each state, from left to right as they lie, below a small shuttle in that state."""
+    """Draws the belief: the probability of each state, from left to right, below a small shuttle in that state."""
     assert moment.belief is not None
     base, full = 366.0, 46.0
     _label(canvas, (116, base - 8), "how probable", 14, palette.SKY)

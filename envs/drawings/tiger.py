@@ -9,7 +9,7 @@ from dpsearch.pomdp import cards as tabular_drawing
 from dpsearch.pomdp.env import Moment
 
 _SIDES = ("left", "right")
-_MIDDLES = (270.0, 690.0)  # of the doors
+_MIDDLES = (270.0, 690.0)  # centres of the doors
 _TOP, _FLOOR, _HALF = 138.0, 352.0, 82.0  # top and bottom of the doors, and half their width
 _WINDOW_Y, _WINDOW = 214.0, 50.0  # a round window in each, and its radius
 _AGENT: Point = (480.0, 300.0)
@@ -63,7 +63,7 @@ def _message(moment: Moment) -> Message:
 
 
 def _door(canvas: Canvas, moment: Moment, side: int, x: float) -> None:
-    """A door, what is behind it in a round window, and what was found if it was opened."""
+    """Draws a door: in its round window what is behind it, and the find if it was opened."""
     opened = _opened(moment) == side
     canvas.box((x - _HALF - 10, _TOP - 10), (x + _HALF + 10, _FLOOR), _FRAME, radius=6)
     if opened and moment.terminated:
@@ -89,7 +89,7 @@ def _door(canvas: Canvas, moment: Moment, side: int, x: float) -> None:
 
 
 def _doorway(canvas: Canvas, moment: Moment, side: int, x: float) -> None:
-    """The door stands open for good: the room behind it."""
+    """Draws a door that stands open for good, and the room behind it."""
     canvas.box((x - _HALF, _TOP), (x + _HALF, _FLOOR), palette.NIGHT)
     outward = -1 if side == 0 else 1
     hinge, edge = x + outward * _HALF, x + outward * (_HALF + 56)
@@ -108,7 +108,7 @@ def _content(canvas: Canvas, moment: Moment, side: int, center: Point, radius: f
 
 
 def _tag(canvas: Canvas, moment: Moment, center: Point) -> None:
-    """A label at the door that was opened."""
+    """Draws a label at the door that was opened."""
     (x, y), text, color = center, "opened", palette.FAINT
     if moment.state_shown and moment.last_reward is not None:
         text = f"{moment.last_reward:+g}"
@@ -118,7 +118,7 @@ def _tag(canvas: Canvas, moment: Moment, center: Point) -> None:
 
 
 def _growl(canvas: Canvas, center: Point, side: int | None, color: str, scale: float) -> None:
-    """Waves of sound that come from the left or the right."""
+    """Draws waves of sound that come from the left or the right."""
     if side is None:
         return
     away = 1 if side == 0 else -1
@@ -128,7 +128,7 @@ def _growl(canvas: Canvas, center: Point, side: int | None, color: str, scale: f
 
 
 def _tiger(canvas: Canvas, center: Point, r: float) -> None:
-    """The face of a tiger."""
+    """Draws the face of a tiger."""
 
     def at(x: float, y: float) -> Point:
         return center[0] + r * x, center[1] + r * y
@@ -151,7 +151,7 @@ def _tiger(canvas: Canvas, center: Point, r: float) -> None:
 
 
 def _treasure(canvas: Canvas, center: Point, r: float) -> None:
-    """A heap of coins."""
+    """Draws a heap of coins."""
     for x, y in ((-0.62, 0.5), (0, 0.5), (0.62, 0.5), (-0.31, 0), (0.31, 0), (0, -0.5)):
         coin = (center[0] + r * x, center[1] + r * y)
         canvas.disc(coin, 0.34 * r, palette.GOLD, _FRAME)

@@ -20,14 +20,14 @@ _DIRECTIONS: dict[str, Point] = {"north": _UP, "east": (1.0, 0.0), "south": _DOW
 
 @dataclass(frozen=True)
 class _View:
-    """A moment in words of this task.
+    """A moment of the T-maze, for its drawing.
 
     Attributes:
-        moment: The moment.
+        moment: The moment that is drawn.
         corridor_length: Position of the junction.
         position: Where the agent is, or was when it left through an arm of the junction.
         sign: "up" or "down".
-        arm: The arm that it has left through, "north" or "south"; None while it is in the corridor.
+        arm: Arm through which the agent has left, "north" or "south"; None while it is in the corridor.
     """
 
     moment: Moment
@@ -62,14 +62,14 @@ class _View:
 
     @property
     def belief(self) -> float | None:
-        """Probability that the sign points up, unless it is not to be shown."""
+        """Probability that the sign points up; None if the spectator may not know."""
         if self.moment.belief is None:
             return None
         cells = self.corridor_length + 1
         return float(self.moment.belief[:cells].sum() + self.moment.belief[2 * cells : 2 * cells + 2].sum())
 
     def prize(self, arm: str) -> str:
-        """What an arm is worth, as far as the spectator may know."""
+        """Reward in an arm, as far as the spectator may know."""
         if not self.sign_is_known:
             return "?"
         return f"{self._paid(arm):+g}"
@@ -84,7 +84,7 @@ class _View:
         return float(pomdp.rewards[row.argmax()])
 
     def message(self) -> Message:
-        """What goes on."""
+        """Sentence about the moment."""
         if self.arm is not None and not self.sign_is_known:
             return Message(f"The agent turned {self.arm}.")
         if self.arm is not None:
@@ -104,7 +104,7 @@ class _View:
 def visible_cells(corridor_length: int, position: int) -> list[int | None]:
     """The corridor's cells from left to right as they are drawn, None for a gap that leaves cells out.
 
-    Always the same number for one length, so that pictures of an episode do not jump.
+    The number of cells depends on the corridor's length alone, so that pictures of an episode do not jump.
     """
     last = corridor_length
     if last < _SLOTS:
@@ -130,7 +130,7 @@ def picture(moment: Moment) -> Frame:
 
 
 def _bits(moment: Moment) -> Icon:
-    """The inputs as black and white squares."""
+    """Draws the inputs as black and white squares."""
     inputs = moment.inputs
 
     def draw(canvas: Canvas, center: Point) -> None:
@@ -175,7 +175,7 @@ def _cell(canvas: Canvas, center: Point, size: float, fill: str) -> None:
 
 
 def _sign(canvas: Canvas, view: _View, start: Point, size: float) -> None:
-    """A board on a post beside the start; grey once the agent can no longer see it."""
+    """Draws the sign: a board on a post beside the start, grey once the agent can no longer see it."""
     half = size * 0.36
     x, y = start[0], start[1] - size * 1.1
     color = palette.BLUE if view.sign_is_shown else palette.LINE

@@ -3,10 +3,10 @@
 It is fitted to the car ``gt1`` of the real TORCS (``torcs/gt1.xml``) on a flat plane of the asphalt of e-track-1,
 friction 1.2, at up to 240 km/h. Mass, axles, lock and pace of the steering are those of its file. The others are the
 least squares of paths, headings and velocities after steps of the steering, of a pedal, and of both together; what
-holds off the road is fitted to a plane of its grass, friction 0.4. ``tests/envs/torcs_recording.txt`` has part of the
-recordings, and ``test_track_calibration.py`` holds the car to them.
+holds off the road is fitted to a plane of its grass, friction 0.4. ``tests/support/torcs_recording.txt`` has part of
+the recordings, and ``tests/envs/driving/test_calibration.py`` holds the car to them.
 
-How far it misses TORCS after 2 s of steering, as a share of the way, and in degrees of the heading of so many::
+Error after 2 s of steering, against TORCS: as a share of the way, and in degrees of so many that the heading turned::
 
     steering  20 km/h           60 km/h           120 km/h          180 km/h          220 km/h
        0.01                                       0.3%  -0.2 of 11  0.3%  -0.2 of 14  0.2%  -0.1 of 16
@@ -42,39 +42,40 @@ class Car:
     """A racing car with rear-wheel drive, like the Porsche GT1 of TORCS.
 
     Attributes:
-        mass: With 5 l of fuel (kg).
-        yaw_inertia: About the vertical axis (kg m^2).
-        front: From the centre of mass to the front axle (m).
-        rear: From the centre of mass to the rear axle (m).
-        tread: Between the front wheels (m), of which the inner one is turned further than the outer one.
+        mass: Mass with 5 l of fuel (kg).
+        yaw_inertia: Moment of inertia about the vertical axis (kg m^2).
+        front: Distance from the centre of mass to the front axle (m).
+        rear: Distance from the centre of mass to the rear axle (m).
+        tread: Distance between the front wheels (m); the inner one is turned further than the outer one.
         lock: Largest angle of the inner front wheel (rad).
-        steer_rate: How fast it turns (rad/s).
+        steer_rate: Speed at which the inner front wheel turns (rad/s).
         front_grip: Largest force of the front tyres on the road, as a share of their load.
-        rear_grip: The same of the rear tyres; more than in front, so that the car slides with the front first.
+        rear_grip: Largest force of the rear tyres, as a share of their load; more than in front, so that the front
+            slides first.
         front_stiffness: Side force of the front tyres for a small slip angle (1/rad), as a share of their load.
-        rear_stiffness: The same of the rear tyres.
-        front_wing: With what the air presses the front axle down, force over speed squared (N s^2/m^2).
-        rear_wing: The same of the rear axle.
-        height: Of the centre of mass (m), with which brakes and engine shift load from axle to axle.
+        rear_stiffness: Side force of the rear tyres for a small slip angle (1/rad), as a share of their load.
+        front_wing: Downforce on the front axle over speed squared (N s^2/m^2).
+        rear_wing: Downforce on the rear axle over speed squared (N s^2/m^2).
+        height: Height of the centre of mass (m), by which brakes and engine shift load from axle to axle.
         reserve: Share of a tyre's grip that drive can take; what is left for the sides is never nothing.
-        skid: Share of it that brakes can take: then the wheels are locked.
+        skid: Share of a tyre's grip that brakes can take: then the wheels are locked.
         slip_floor: Slip angles are reckoned with at least this speed of the wheel (m/s), for below it tyres would
             become ever stiffer. The wheels still roll where they point, to a percent.
-        power: Of the engine (W).
+        power: Power of the engine (W).
         thrust: Largest force of the engine, in the lowest gear (N).
-        top_speed: At which the engine is at its highest speed in the highest gear used, and gives no more force (m/s).
-        coasting: With what force the engine brakes if there is no throttle (N).
-        idling: Speed (m/s) from which it does so; below, the less the slower the car is.
-        brakes: Largest force of all brakes together (N), the engine's aside.
+        top_speed: Speed at which the engine is at its limit in the highest gear used, and gives no more force (m/s).
+        coasting: Force with which the engine brakes without throttle (N).
+        idling: Speed (m/s) from which the engine brakes with all of that force; below, the slower the car, the less.
+        brakes: Largest force of all brakes together (N), without the engine.
         brake_balance: Share of the front brakes.
-        drag: Of the air, wings and wheels, force over speed squared (N s^2/m^2).
+        drag: Drag of the air, wings and wheels over speed squared (N s^2/m^2).
         rolling: Resistance of the wheels on the road, as a share of the weight.
         standstill: Speed (m/s) below which brakes and resistance fade out, so that they stop the car and no more.
         speed_gain: Acceleration that the speed controller demands for each m/s that is missing (1/s). With the same
             slope, for want of a better one, the engine's force fades in the last half m/s before ``top_speed``.
-        off_road_grip: Share of the grip that there is beside the road.
-        off_road_rolling: Resistance of the wheels there, as a share of the weight.
-        verge: Width of what is beside the road, up to a wall (m); the grass of e-track-1 is mostly as wide.
+        off_road_grip: Grip beside the road, as a share of the grip on it.
+        off_road_rolling: Resistance of the wheels beside the road, as a share of the weight.
+        verge: Width of the strip beside the road, up to a wall (m); the grass of e-track-1 is mostly as wide.
         wall_loss: Share of its speed along the wall that the car loses in a step that touches it; not measured.
     """
 
@@ -113,7 +114,7 @@ class Car:
 
     @property
     def wheelbase(self) -> float:
-        """Between the axles (m)."""
+        """Distance between the axles (m)."""
         return self.front + self.rear
 
     @property

@@ -14,13 +14,13 @@ from dpsearch.env_kit.drawing.scene import MARGIN, WIDTH, Card, Message, stage
 
 Array = NDArray[np.float64]
 
-_TOP, _HEIGHT = 110, 300  # of what is drawn, between the words above and the cards below
-_MAP, _GAP = 360, 16  # width of the map, and what is between it and the close-up
+_TOP, _HEIGHT = 110, 300  # top and height of the drawing, between the words above and the cards below
+_MAP, _GAP = 360, 16  # width of the map, and of the gap between it and the close-up
 _CLOSE_UP = WIDTH - 2 * round(MARGIN) - _MAP - _GAP
 _SCALE = 5.0  # pixels to the metre in the close-up
 _BEHIND = 0.28  # share of the close-up that is behind the car
 _CAR = (4.6, 2.0)  # length and width of the car (m)
-_AXLES = (1.35, -1.15)  # where they are, from the middle (m)
+_AXLES = (1.35, -1.15)  # places of the axles, from the middle of the car (m)
 _GRASS, _ROAD = palette.mix(palette.MINT, palette.GREEN, 0.18), palette.mix(palette.INK, palette.LINE, 0.45)
 _WALL = palette.mix(_GRASS, palette.INK, 0.55)
 _TEXT_CELLS = 41  # characters from edge to edge of the road
@@ -28,28 +28,28 @@ _TEXT_CELLS = 41  # characters from edge to edge of the road
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """All that is drawn.
+    """The present moment of a drive, as drawings need it.
 
     Attributes:
         title: The task's name.
         line: The middle of the road (m), ``(K, 2)``, closed.
-        width: Of the road (m), the same everywhere, or ``(K,)``.
-        car: Its place (m, m) and heading (rad).
+        width: Width of the road (m), one number or ``(K,)``.
+        car: Place (m, m) and heading (rad) of the car.
         wheels: Angle of the front wheels (rad), positive to the left.
-        lock: Their largest angle (rad).
-        verge: Width of what is beside the road, up to a wall (m); None if there is no wall.
+        lock: Largest angle of the front wheels (rad).
+        verge: Width of the strip beside the road, up to a wall (m); None if there is no wall.
         lookahead: The middle of the road at the look-ahead distance (m, m).
-        trace: Where the car has been (m), ``(T, 2)``, the present included.
-        speed: km/h.
-        target: The speed that is to be held (km/h), or None.
-        position: On the road, in half widths from its middle, positive to the left.
-        distance: Along the middle line (m).
-        length: Of the middle line (m).
-        laps: Completed.
-        lap_time: Of the last one (s), 0 before there is one.
+        trace: Places where the car has been (m), ``(T, 2)``, the present one included.
+        speed: Speed of the car (km/h).
+        target: Speed that is to be held (km/h), or None.
+        position: Distance from the middle of the road, in half widths, positive to the left.
+        distance: Distance along the middle line (m).
+        length: Length of the middle line (m).
+        laps: Number of completed laps.
+        lap_time: Time of the last completed lap (s), 0 before there is one.
         off_road: Whether the car is off the road.
-        stuck: Whether it is stuck there.
-        seconds: Since the episode began.
+        stuck: Whether the car is stuck.
+        seconds: Time since the episode began (s).
         step: Steps so far.
         max_steps: Steps at which the episode is cut off.
         episode_return: Sum of rewards so far.
@@ -80,13 +80,13 @@ class View:
 
     @property
     def aim(self) -> str:
-        """What is to be done, for those who have never heard of it."""
+        """The aim in words, for people who have never heard of the task."""
         if self.target is None:
             return "Drive as fast as the road allows."
         return "Steer, and stay on the road while the speed rises."
 
     def message(self) -> Message:
-        """What goes on."""
+        """Sentence about the moment."""
         if self.stuck:
             return Message(f"Stuck off the road, after {clock(self.seconds)}.", palette.RED)
         if self.off_road:
@@ -101,7 +101,7 @@ class View:
 
 
 def clock(seconds: float) -> str:
-    """Minutes and seconds."""
+    """A time in minutes and seconds."""
     minutes, rest = divmod(round(10.0 * seconds), 600)
     return f"{minutes}:{rest / 10.0:04.1f} min" if minutes else f"{rest / 10.0:.1f} s"
 
@@ -118,7 +118,7 @@ def picture(view: View) -> Frame:
 
 
 def _edges(view: View, beyond: float = 0.0) -> tuple[Array, Array]:
-    """What is on the left and on the right, at the road's edges or so far beyond them (m), ``(K, 2)`` each."""
+    """Lines left and right of the road, at its edges or ``beyond`` them (m), ``(K, 2)`` each."""
     along = np.roll(view.line, -1, axis=0) - np.roll(view.line, 1, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     half = beyond + 0.5 * np.broadcast_to(view.width, len(view.line))
@@ -127,7 +127,7 @@ def _edges(view: View, beyond: float = 0.0) -> tuple[Array, Array]:
 
 
 def _map(view: View) -> Canvas:
-    """All of the track, north above."""
+    """Draws the whole track, north above."""
     canvas = Canvas(_MAP, _HEIGHT)
     canvas.box((0, 0), (_MAP, _HEIGHT), _GRASS)
     low, high = view.line.min(axis=0), view.line.max(axis=0)
@@ -153,7 +153,7 @@ def _map(view: View) -> Canvas:
 
 
 def _close_up(view: View) -> Canvas:
-    """What is around the car, which heads to the right."""
+    """Draws the surroundings of the car, which heads to the right."""
     canvas = Canvas(_CLOSE_UP, _HEIGHT)
     canvas.box((0, 0), (_CLOSE_UP, _HEIGHT), _GRASS)
     x, y, heading = view.car
@@ -196,7 +196,7 @@ def _close_up(view: View) -> Canvas:
 
 
 def _car(canvas: Canvas, here: Point, view: View) -> None:
-    """The car from above, heading to the right, with its front wheels as they are steered."""
+    """Draws the car from above, heading to the right, with its front wheels as they are steered."""
 
     def at(along: float, across: float, turn: float = 0.0, middle: Point = (0.0, 0.0)) -> Point:
         cos, sin = math.cos(turn), math.sin(turn)

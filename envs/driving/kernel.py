@@ -1,7 +1,7 @@
-"""Driving on a closed road, compiled for lanes: the car's motion under the rules, and what is seen of it.
+"""Driving on a closed road, compiled for lanes: the car's motion, the rules and the observations.
 
 The car's place is that of its centre of mass along the middle line of the road, to the left of it, and the angle
-between the car and the line, so the nearest point of the road need never be looked for; see ``track_motion``. Walls on
+between the car and the line, so the nearest point of the road need never be looked for; see ``motion.py``. Walls on
 both sides, beyond the verge, stop what moves towards them.
 """
 
@@ -37,9 +37,9 @@ from dpsearch.kernels.on_demand import on_demand
 (DISTANCE, OFFSET, ANGLE, FORWARD, SIDEWAYS, TURNING, WHEELS, DRIVEN) = range(8)
 """Rows of the state: s, n, p, u, v, r and d of the car (m, rad, s), and steps driven."""
 HIDDEN: Final = 8
-"""How many rows are the state; the rest is kept for the rules, or follows from it."""
+"""Number of rows that are the hidden state; the other rows are kept for the rules, or follow from it."""
 PROGRESS, LAPS, LAP_BEGAN, LAP_TIME, STUCK_STEPS, LEFT_AT = range(HIDDEN, HIDDEN + 6)
-"""Rows that are kept for the rules; see ``driving.Referee``."""
+"""Rows that are kept for the rules; see ``rules.Referee``."""
 _BEND, _HEADING, _AHEAD_X, _AHEAD_Y, _AHEAD_BEND = range(HIDDEN + 6, HIDDEN + 11)
 """Rows with the road: its curvature in the next step, its heading here, where it is at the look-ahead distance."""
 STATE_SIZE: Final = HIDDEN + 11
@@ -57,13 +57,13 @@ _SCALES: Final = 41  # mean and 1 / deviation of each observation
 _TABLES: Final = _SCALES + 2 * len(OBSERVATIONS)
 # In `ints`:
 _PEDALS, _SUBSTEPS, _STUCK, _RANDOM, _PAYS, _SAMPLES, _SEEN, _SEEN_NAMES = range(8)
-# Of what there is to be seen:
+# Numbers of the observations:
 _SEE_SPEED, _SEE_STEERING, _SEE_POSITION, _SEE_LOOKAHEAD, _SEE_ANGLE, _SEE_CURVATURE, _SEE_RAYS, _SEE_TARGET = range(8)
 
 # Inlined by LLVM, not by Numba (inline="always"): as fast in the end, and compiled in a fifth of the time.
 _inline = njit(forceinline=True, fastmath=FASTMATH, error_model="numpy")
-# What is seen is rounded the same wherever arrays are in memory: whether LLVM takes the loop with SIMD depends on that,
-# and which products are fused with sums depends on the loop.
+# Without fastmath, observations are rounded alike wherever arrays are in memory: LLVM decides by their place whether a
+# loop is SIMD, and the loop decides which products are fused with sums.
 _exact = njit(forceinline=True, error_model="numpy")
 
 # In the loops below, rows are parts of one flat array: only so can LLVM see that they do not overlap. For the same
@@ -154,7 +154,7 @@ def _judge(floats, ints, state, reward, terminated, lanes):
 
 @_inline
 def _read(floats, table, where, spacing):
-    """A number of the road at ``where`` metres, between its samples."""
+    """A quantity of the road at ``where`` metres, interpolated between its samples."""
     row = where / spacing
     i = np.int64(row)
     low = floats[table + i]
@@ -163,7 +163,7 @@ def _read(floats, table, where, spacing):
 
 @_inline
 def _survey(floats, ints, state, i):
-    """Looks up what the road is like where the car of lane ``i`` is now, and at the look-ahead distance."""
+    """Looks up the road at the car of lane ``i`` and at the look-ahead distance."""
     spacing, length, seconds = floats[_SPACING], floats[_LENGTH], floats[_SECONDS]
     rows = ints[_SAMPLES] + _AHEAD + 1
     x, y, heading, bend = _TABLES, _TABLES + rows, _TABLES + 2 * rows, _TABLES + 3 * rows
@@ -186,7 +186,7 @@ def _survey(floats, ints, state, i):
 
 @on_demand(fastmath=FASTMATH)
 def survey(floats, ints, state):
-    """Looks up what lane 0 has to know of the road where it is."""
+    """Looks up the road at the car of lane 0 and at the look-ahead distance."""
     _survey(floats, ints, state.ravel(), 0)
 
 
@@ -214,7 +214,7 @@ def step(floats, ints, noise, action, state, reward, terminated, lanes):
 
 @_exact
 def _bearing(state, i):
-    """Of the middle of the road at the look-ahead distance, from the car's heading (rad)."""
+    """Bearing of the middle of the road at the look-ahead distance, from the car's heading (rad)."""
     n, p = state[OFFSET * LANES + i], state[ANGLE * LANES + i]
     x, y = state[_AHEAD_X * LANES + i], state[_AHEAD_Y * LANES + i]
     sin_p, cos_p = sincos(p)
@@ -224,7 +224,7 @@ def _bearing(state, i):
 
 @_exact
 def _look(floats, ints, state, seen, first, lanes):
-    """The free road in all directions; ``first`` is where the first one stands in ``seen``."""
+    """The free road in all directions, written into ``seen`` from row ``first`` on."""
     rows = ints[_SAMPLES] + _AHEAD + 1
     for i in range(lanes):
         s = state[DISTANCE * LANES + i]
@@ -246,7 +246,7 @@ def _look(floats, ints, state, seen, first, lanes):
 
 @_exact
 def _see(floats, name, state, seen, first, lanes):
-    """What has the name, in the first lanes, neither shifted nor scaled."""
+    """The observation with this number, in the first lanes, neither shifted nor scaled."""
     lock, half_width = floats[_LOCK], floats[_HALF_WIDTH]
     speed, rise, rise_steps = floats[_SPEED], floats[_RISE], floats[_RISE_STEPS]
     if name == _SEE_SPEED:
@@ -274,7 +274,7 @@ def _see(floats, name, state, seen, first, lanes):
 
 @on_demand()
 def observe(floats, ints, state, observation, lanes):
-    """Shows what the agent may see, shifted and scaled."""
+    """Writes the observations of the first lanes, shifted and scaled."""
     rows, seen = state.ravel(), observation.ravel()
     first = 0
     for k in range(ints[_SEEN]):
@@ -296,9 +296,9 @@ def pack(shape: Shape, width: float, car: Car, rules: Rules) -> EnvKernel:
 
     Args:
         shape: Middle line of the road.
-        width: Of the road (m).
-        car: What drives.
-        rules: What is driven and seen.
+        width: Width of the road (m).
+        car: The car.
+        rules: The rules.
     """
     profile, rows = rules.profile, len(shape.x) + _AHEAD + 1
     start, end, seconds = (PEDALS_START, PEDALS_START, 1.0) if profile is None else astuple(profile)
@@ -325,13 +325,13 @@ def pack(shape: Shape, width: float, car: Car, rules: Rules) -> EnvKernel:
 
 
 def state_at(kernel: EnvKernel, rules: Rules, driven_steps: int, distance: float) -> NDArray[np.float64]:
-    """The state of a car in the middle of the road and along it, at the speed that is then due.
+    """The state of a car in the middle of the road and along it, at the speed of the profile.
 
     Args:
-        kernel: What ``pack`` made.
-        rules: What is driven.
-        driven_steps: Steps driven before.
-        distance: Along the middle line (m).
+        kernel: A kernel that ``pack`` made.
+        rules: The rules.
+        driven_steps: Number of steps driven before.
+        distance: Distance along the middle line (m).
 
     Returns:
         The rows of the kernel's state, ``(STATE_SIZE,)``.

@@ -40,7 +40,7 @@ from numba import njit
 from dpsearch.kernels.elementary import sincos
 from dpsearch.kernels.lanes import FASTMATH
 
-_NEAR: Final = 0.1  # the smallest 1 - n k: walls keep the car from where it would be less
+_NEAR: Final = 0.1  # the smallest 1 - n k: walls keep the car from places where it would be less
 
 # Inlined by LLVM, not by Numba (inline="always"): as fast in the end, and compiled in a fifth of the time.
 _inline = njit(forceinline=True, fastmath=FASTMATH, error_model="numpy")
@@ -48,13 +48,13 @@ _inline = njit(forceinline=True, fastmath=FASTMATH, error_model="numpy")
 
 @_inline
 def within(x, bound):
-    """The nearest number to x of those from -bound to bound."""
+    """The number in [-bound, bound] that is nearest to x."""
     return min(max(x, -bound), bound)
 
 
 @_inline
 def _side_force(sideways, forwards, stiffness, grip, along, floor):
-    """The brush: force to the left on an axle whose wheels move so, with a force along them."""
+    """Fiala's brush: force to the left on an axle, for the motion of its wheels and the force along them."""
     room = math.sqrt(grip * grip - along * along)
     rest = 1.0 - min(stiffness * abs(sideways) / (3.0 * room * max(abs(forwards), floor)), 1.0)
     force = room * (1.0 - rest * rest * rest)
@@ -63,9 +63,9 @@ def _side_force(sideways, forwards, stiffness, grip, along, floor):
 
 @_inline
 def _rates(n, p, u, v, r, sin_d, cos_d, bend, tyres, motor):
-    """Time derivatives of (s, n, p, u, v, r); ``tyres`` and ``motor`` are what is constant in a substep.
+    """Time derivatives of (s, n, p, u, v, r); ``tyres`` and ``motor`` are constant in a substep.
 
-    Of mass, inertia and the speed of the standstill, here are the inverses: divisions take long.
+    Mass, inertia and the speed of the standstill are given as inverses, for divisions take long.
     """
     a, b, lightness, agility, load_f, load_r, wing_f, wing_r, lever = tyres[:9]
     mu_f, mu_r, stiff_f, stiff_r, reserve, skid, floor = tyres[9:]
@@ -100,7 +100,7 @@ def _mean(h, k1, k2, k3, k4):
 
 @_inline
 def _both_wheels(inner, spread):
-    """Sine and cosine of where the one front wheel of the model points, if the inner one of two points there."""
+    """Sine and cosine of the angle of the model's one front wheel, from the angle of the inner one of two."""
     sin, cos = sincos(inner)
     cos += spread * abs(sin)
     norm = 1.0 / math.sqrt(sin * sin + cos * cos)
@@ -109,7 +109,7 @@ def _both_wheels(inner, spread):
 
 @_inline
 def advance(h, n, p, u, v, r, d, goal, pace, spread, bend, tyres, motor):
-    """One substep of h seconds: how much (s, n, p, u, v, r) change, and where the inner wheel points afterwards."""
+    """One substep of h seconds: the changes of (s, n, p, u, v, r), and the angle of the inner wheel afterwards."""
     sin_1, cos_1 = _both_wheels(d, spread)
     d += within(goal - d, h * pace)
     sin_4, cos_4 = _both_wheels(d, spread)

@@ -1,4 +1,4 @@
-"""How far the road is free in a direction, compiled: what a distance sensor of a car would tell."""
+"""The free road in a direction, compiled: a car's distance sensor."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def free_road(floats, tables, rows, samples, spacing, half_width, distance, offs
     before: the road between two samples is an arc so short that a parabola serves.
 
     Args:
-        floats: Holds the tables of the middle line: x, y, heading, curvature, cosine and sine of the heading.
-        tables: Where they begin.
-        rows: Numbers in each.
+        floats: Array with the tables of the middle line: x, y, heading, curvature, cosine and sine of the heading.
+        tables: First index of the tables in ``floats``.
+        rows: Numbers in each table.
         samples: Samples in a lap.
         spacing: Metres between samples.
-        half_width: Of the road (m).
-        distance: Where the ray begins, along the middle line (m).
-        offset: And to the left of it (m).
-        direction: Of the ray, anticlockwise from east (rad).
+        half_width: Half the width of the road (m).
+        distance: Beginning of the ray along the middle line (m).
+        offset: Beginning of the ray to the left of the middle line (m).
+        direction: Direction of the ray, anticlockwise from east (rad).
     """
     if not abs(offset) <= half_width:
         return 0.0

@@ -1,10 +1,11 @@
 """Middle lines of closed roads: random ones by seed, named ones, and those given as a list of segments.
 
 A random road is a polygon around a centre, which can't cross itself, with its corners rounded by arcs of random radii,
-and smoothed along the road as roads are, so that the steering wheel need not be jerked. What comes too near to itself,
-or has too tight a curve, is thrown away. So there are straights, fast bends and hairpins, to the left and to the right.
+and smoothed along the road as roads are, so that the steering wheel need not be jerked. A road that comes too near to
+itself, or has too tight a curve, is thrown away. So there are straights, fast bends and hairpins, to the left and to
+the right.
 
-A list of segments is a road as one would tell it: ``["straight", 200]`` for 200 m, ``["turn", 50, -90]`` for a quarter
+A list of segments describes a road: ``["straight", 200]`` for 200 m, ``["turn", 50, -90]`` for a quarter
 of a circle of radius 50 m to the right. Straights are made a little longer or shorter where that closes the road.
 """
 
@@ -40,9 +41,9 @@ NAMED: Final[Mapping[str, Sequence[Sequence[Any]]]] = {
 }
 """Roads that have a name, as segments; the last has the middle line of TORCS' g-track-2, which is 15 m wide."""
 
-_LENGTHS: Final = (2000.0, 4000.0)  # m, of random roads
-_TIGHTEST: Final = 25.0  # m, radius of their hairpins
-_APART: Final = 45.0  # m, how near they may come to themselves
+_LENGTHS: Final = (2000.0, 4000.0)  # m, lengths of random roads
+_TIGHTEST: Final = 25.0  # m, radius of hairpins of random roads
+_APART: Final = 45.0  # m, how near random roads may come to themselves
 _SMOOTHING: Final = 6.0  # m, standard deviation of what smooths them
 _STRETCH: Final = 0.25  # share by which a straight may change for a road to close
 
@@ -52,11 +53,11 @@ class Shape:
     """A closed middle line, sampled at even distances of about a metre, in the direction of travel.
 
     Attributes:
-        x: East of the start line (m), ``(K,)``.
-        y: North of it (m), ``(K,)``.
-        heading: Anticlockwise from east (rad), without jumps, ``(K,)``.
-        curvature: 1/m, positive where it bends to the left, ``(K,)``.
-        length: All the way round (m).
+        x: Place east of the start line (m), ``(K,)``.
+        y: Place north of the start line (m), ``(K,)``.
+        heading: Direction of travel, anticlockwise from east (rad), without jumps, ``(K,)``.
+        curvature: Curvature (1/m), positive where the road bends to the left, ``(K,)``.
+        length: Length of a lap (m).
     """
 
     x: Array
@@ -67,12 +68,12 @@ class Shape:
 
     @property
     def spacing(self) -> float:
-        """From one sample to the next (m)."""
+        """Distance between two samples (m)."""
         return self.length / len(self.x)
 
     @property
     def turning(self) -> float:
-        """How far the heading turns in a lap (rad): one full turn, to the left or to the right."""
+        """Turn of the heading in a lap (rad): one full turn, to the left or to the right."""
         return math.copysign(2.0 * math.pi, self.curvature.sum())
 
     @property
@@ -81,7 +82,7 @@ class Shape:
         return float(1.0 / max(np.abs(self.curvature).max(), 1e-9))
 
     def at(self, distance: float, offset: float = 0.0) -> tuple[float, float, float]:
-        """Place on the ground (m) and heading of the road (rad), so far along it and to the left of its middle."""
+        """Place on the ground (m) and heading of the road (rad), at a distance along the road and to the left of it."""
         where = (distance % self.length) / self.spacing
         i = int(where) % len(self.x)
         share, j = where - int(where), (i + 1) % len(self.x)
@@ -92,7 +93,7 @@ class Shape:
         return float(x), float(y), heading
 
     def comes_near(self, distance: float) -> bool:
-        """Whether it comes nearer to itself than this (m), other than by following its own course."""
+        """Whether the road comes nearer to itself than this (m), other than by following its own course."""
         points = np.column_stack([self.x, self.y])
         pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
         apart = np.abs(pairs[:, 0] - pairs[:, 1])
@@ -107,7 +108,7 @@ def make_shape(track: Any) -> Shape:
         track: A seed for a random road, a name of ``NAMED``, or a list of segments.
 
     Raises:
-        ValueError: If it is none of these, or the segments don't close.
+        ValueError: If ``track`` is none of these, or the segments don't close.
     """
     if isinstance(track, int | np.integer) and not isinstance(track, bool) and track >= 0:
         return random_shape(int(track))
@@ -125,10 +126,10 @@ def shape_of(segments: Sequence[Any]) -> Shape:
     """A road from its segments.
 
     Args:
-        segments: Each ["straight", metres] or ["turn", radius in metres, degrees to the left].
+        segments: Segments, each ["straight", metres] or ["turn", radius in metres, degrees to the left].
 
     Raises:
-        ValueError: If a segment is neither of these, or the road doesn't close.
+        ValueError: If a segment is neither straight nor turn, or the road doesn't close.
     """
     bends, lengths = np.array([_segment(segment) for segment in segments]).T
     turned = math.degrees(float(bends @ lengths))
@@ -148,7 +149,7 @@ def shape_of(segments: Sequence[Any]) -> Shape:
 
 
 def _segment(segment: Any) -> tuple[float, float]:
-    """Curvature (1/m) and length (m)."""
+    """Curvature (1/m) and length (m) of a segment."""
     if isinstance(segment, Sequence) and not isinstance(segment, str) and len(segment) > 0:
         kind, *numbers = segment
         good = all(isinstance(n, int | float) and not isinstance(n, bool) and math.isfinite(n) for n in numbers)
@@ -164,14 +165,14 @@ def _segment(segment: Any) -> tuple[float, float]:
 
 
 def _chords(bends: Array, lengths: Array, headings: Array) -> Array:
-    """From the beginning to the end of arcs and straights that begin with a heading, ``(n, 2)``."""
+    """Vectors from the beginning to the end of arcs and straights, given their first headings, ``(n, 2)``."""
     half = 0.5 * bends * lengths
     chord = lengths * np.sinc(half / math.pi)
     return np.column_stack([chord * np.cos(headings + half), chord * np.sin(headings + half)])
 
 
 def _closed(bends: Array, lengths: Array) -> Array:
-    """The lengths with those of the straights changed as little as is needed to come back to the start."""
+    """The lengths of segments, with straights changed as little as is needed to close the road."""
     headings = np.concatenate([[0.0], np.cumsum(bends * lengths)[:-1]])
     gap = _chords(bends, lengths, headings).sum(axis=0)
     straight = bends == 0.0
@@ -214,7 +215,7 @@ def _polygon(rng: np.random.Generator) -> Array:
 
 
 def _rounded(corners: Array, rng: np.random.Generator) -> Array | None:
-    """The polygon with an arc at each corner, as points about a metre apart; None if there is no room for them."""
+    """The polygon with an arc at each corner, as points about a metre apart; None if the arcs do not fit."""
     edges = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(edges, axis=1)
     along = edges / lengths[:, None]
@@ -274,7 +275,7 @@ def _resampled(points: Array) -> Shape:
 
 
 def _from_straight(shape: Shape) -> Shape:
-    """The same road, begun in the middle of its longest straight, which is made to lead east from the origin."""
+    """The road begun in the middle of its longest straight, which is turned to lead east from the origin."""
     bent = np.flatnonzero(np.abs(shape.curvature) > 1e-3)
     if len(bent) == 0:
         return shape

@@ -53,24 +53,24 @@ PROFILE: Final = (10.0, 70.0, 1800.0)
 SLOWEST: Final = 2.0
 """The lowest speed that a profile may ask for (km/h): at 1 km/h a car counts as standing."""
 FASTEST: Final = 400.0
-"""The highest one (km/h)."""
+"""The highest speed that a profile may ask for (km/h)."""
 RAY_ANGLES: Final = tuple(math.radians(angle) for angle in range(-60, 61, 15))
 """Directions of the rays relative to the car's heading, from right to left (rad)."""
 RAY_LENGTH: Final = 100.0
 """How far the rays see (m)."""
 STARTS: Final = ("line", "random")
 REWARDS: Final = ("speed", "progress", "centred")
-"""What a step on the road pays (km/h): the car's speed, as much of it as leads along the road, or that times
+"""Rewards of a step on the road (km/h): the speed of the car; its speed along the road; the latter times
 1 - position^2."""
 
 
 class Scale(NamedTuple):
-    """How a quantity is shown: ``(value - mean) / deviation``.
+    """The scale on which a quantity is observed: ``(value - mean) / deviation``.
 
     Attributes:
-        mean: Its mean under a decent driver over the thesis's speed profile.
-        deviation: Its standard deviation there.
-        size: How many numbers it consists of.
+        mean: Mean of the quantity under a decent driver over the thesis's speed profile.
+        deviation: Standard deviation of the quantity under that driver.
+        size: Number of numbers in the quantity.
         mirrored: By what a mirror multiplies it; None for numbers that change places in it.
     """
 
@@ -81,7 +81,7 @@ class Scale(NamedTuple):
 
 
 OBSERVATIONS: Final[Mapping[str, Scale]] = {
-    "speed": Scale(40.0, 17.3, mirrored=1.0),  # km/h: of the profile, whose deviation is (70 - 10) / sqrt(12)
+    "speed": Scale(40.0, 17.3, mirrored=1.0),  # km/h: mean and deviation of the profile, (70 - 10) / sqrt(12)
     "steering": Scale(0.0, 0.04),  # fraction of the lock
     "position": Scale(0.0, 0.2),  # half widths of the road
     "lookahead": Scale(0.0, 0.12),  # rad
@@ -90,7 +90,7 @@ OBSERVATIONS: Final[Mapping[str, Scale]] = {
     "rays": Scale(20.0, 23.0, len(RAY_ANGLES), mirrored=None),  # m
     "target": Scale(40.0, 17.3, mirrored=1.0),  # km/h
 }
-"""All there is to be seen. The numbers are those of an unsteady hand that heads for the look-ahead point, on random
+"""All observations. Their scales were measured with an unsteady hand that heads for the look-ahead point, on random
 tracks. On TORCS' e-track-1 and g-track-2, from 10 to 70 km/h, the thesis's four have means from 0.0 to 0.2, deviations
 from 0.7 to 1.2 under the same hand. A steady one stays nearer to the middle: positions deviate by 0.2 to 0.4."""
 THESIS_OBSERVATIONS: Final = ("speed", "steering", "position", "lookahead")
@@ -116,9 +116,9 @@ class SpeedProfile:
     """The speed that a preprogrammed controller holds: linear over the time driven, then constant.
 
     Attributes:
-        start: At first (km/h).
-        end: In the end (km/h).
-        seconds: From the one to the other.
+        start: First speed (km/h).
+        end: Last speed (km/h).
+        seconds: Time from the first speed to the last (s).
     """
 
     start: float
@@ -131,11 +131,11 @@ class SpeedProfile:
 
 
 class Start(NamedTuple):
-    """How an episode begins.
+    """The start of an episode.
 
     Attributes:
-        driven_steps: Steps driven in the episodes before.
-        distance: Where on the middle line (m); None for where the environment starts by itself.
+        driven_steps: Number of steps driven in the episodes before.
+        distance: Place on the middle line (m); None for the environment's own start.
     """
 
     driven_steps: int
@@ -144,16 +144,16 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What is driven, seen and allowed; :func:`driving_rules` checks the numbers.
+    """The rules of a drive: speed, observations, limits, rewards; :func:`driving_rules` checks the numbers.
 
     Attributes:
-        profile: The speed to be held; None if the agent has the pedals.
-        observations: Names of what is seen, in this order.
+        profile: Speed that the controller holds; None if the agent has the pedals.
+        observations: Names of the observations, in this order.
         lookahead: Base (m) and gain (s) of the look-ahead distance, ``base + gain * speed``.
         start: "line", or "random" for anywhere on the road.
-        control_hz: Steps a second.
+        control_hz: Control steps a second.
         stuck_seconds: Time off the road or standing after which the car is stuck.
-        reward: What a step on the road pays, of ``REWARDS``.
+        reward: Reward of a step on the road, one of ``REWARDS``.
     """
 
     profile: SpeedProfile | None
@@ -166,30 +166,30 @@ class Rules:
 
     @property
     def stuck_steps(self) -> int:
-        """Steps off the road or standing, one after the other, the last of which ends the episode."""
+        """Number of successive steps off the road or standing at which the episode ends."""
         return max(1, round(self.stuck_seconds * self.control_hz))
 
     @property
     def observation_space(self) -> spaces.Box:
-        """What is seen, one number after the other."""
+        """Space of observations, as a flat box."""
         size = sum(OBSERVATIONS[name].size for name in self.observations)
         return spaces.Box(-np.inf, np.inf, (size,), np.float32)
 
     @property
     def action_space(self) -> spaces.Box:
-        """Steering, and the pedals if there is no profile."""
+        """Space of actions: steering, and the pedals if there is no profile."""
         return spaces.Box(-1.0, 1.0, (2 if self.profile is None else 1,), np.float32)
 
     def target_speed(self, driven_steps: int) -> float:
-        """The speed to be held (km/h) in the step after so many; with pedals the one at which episodes start."""
+        """Speed to be held (km/h) after so many steps; with pedals the speed at which episodes start."""
         return PEDALS_START if self.profile is None else self.profile.speed(driven_steps / self.control_hz)
 
     def lookahead_distance(self, speed: float) -> float:
-        """How far ahead one looks (m) at a speed in km/h; backwards never."""
+        """The look-ahead distance (m) at a speed in km/h, never negative."""
         return self.lookahead[0] + self.lookahead[1] * max(speed, 0.0) / KMH
 
     def show(self, seen: Mapping[str, float | Sequence[float]]) -> NDArray[np.float32]:
-        """The observation, from what there is to be seen by name, in the units of ``OBSERVATIONS``."""
+        """The observation, from quantities by name in the units of ``OBSERVATIONS``."""
         parts = [(np.atleast_1d(seen[name]) - scale.mean) / scale.deviation for name, scale in self._scales()]
         return np.concatenate(parts).astype(np.float32)
 
@@ -200,11 +200,11 @@ class Rules:
         """The start that the options of ``reset`` ask for.
 
         Args:
-            options: With ``driven_steps`` and ``distance``, or without either; None for neither.
-            length: Of the road's middle line (m).
+            options: Options ``driven_steps`` and ``distance``, or one of them; None for neither.
+            length: Length of the road's middle line (m).
 
         Raises:
-            ValueError: If there are others, or a number is out of range.
+            ValueError: If there are other options, or a number is out of range.
         """
         options = options or {}
         unknown = sorted(set(options) - {"driven_steps", "distance"})
@@ -232,7 +232,7 @@ def driving_rules(
 
     Args:
         speed_profile: (start, end, seconds) in km/h (2 to 400) and s; a number for a constant speed; None for pedals.
-        observations: Names, each at most once, of ``OBSERVATIONS``.
+        observations: Names from ``OBSERVATIONS``, each at most once.
         lookahead: Base (m) and gain (s) of the look-ahead distance.
         start: "line" or "random".
         control_hz: Steps a second, from 10 to 200.
@@ -240,7 +240,7 @@ def driving_rules(
         reward: "speed", "progress" for the speed along the road, or "centred" for that times 1 - position^2.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
     names = [observations] if isinstance(observations, str) else list(observations)
     if not names or len(set(names)) < len(names) or not set(names) <= set(OBSERVATIONS):
@@ -300,12 +300,12 @@ class Referee:
     A lap is complete each time the car has got further by the length of the road than ever before in the episode.
 
     Attributes:
-        rules: What holds.
-        length: Of the road's middle line (m).
-        driven_steps: Steps driven, those before the episode included.
-        progress: Metres along the middle line since the episode began; backwards counts as negative.
-        laps: Completed in the episode.
-        lap_time: Of the last completed lap (s), 0 before there is one (a NaN would be unequal to itself).
+        rules: The rules of the drive.
+        length: Length of the road's middle line (m).
+        driven_steps: Number of steps driven, those before the episode included.
+        progress: Distance along the middle line since the episode began (m); backwards counts as negative.
+        laps: Number of laps completed in the episode.
+        lap_time: Time of the last completed lap (s), 0 before there is one (a NaN would be unequal to itself).
         off_road: Whether the car is off the road.
     """
 
@@ -331,10 +331,10 @@ class Referee:
         """Judges a step.
 
         Args:
-            speed: After the step (km/h).
-            position: On the road, in half widths from the middle.
-            distance: Along the middle line (m), which begins anew with every lap.
-            progress: The speed along the road (km/h), needed if that counts for what is paid.
+            speed: Speed after the step (km/h).
+            position: Distance from the middle of the road, in half widths.
+            distance: Distance along the middle line (m), which begins anew with every lap.
+            progress: Speed along the road (km/h), needed if the reward depends on it.
 
         Returns:
             The reward, and whether the car is stuck.
@@ -359,7 +359,7 @@ class Referee:
         return (progress * (1.0 - position**2) if self.rules.reward == "centred" else progress), False
 
     def info(self, speed: float, position: float) -> dict[str, Any]:
-        """What the info of a step tells, besides the state: speed in km/h, position in half widths."""
+        """Entries of a step's ``info`` besides the state: speed in km/h, position in half widths."""
         return {
             "speed": speed,
             "position": position,

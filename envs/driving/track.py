@@ -10,10 +10,10 @@ r"""Driving a racing car round a closed road, in a simulator of our own: TORCS w
          distance ->
     ------------------------------------------------------ edge, -1
 
-Actions, observations, rewards, ends and options are those of TORCS: see ``driving``. The car is a dynamic bicycle
-model (``track_motion``) with the numbers of ``track_car``: where the tyres' grip doesn't suffice, it slides. Beside the
-road there is less grip and more resistance, and after 8 m a wall. Roads are random ones by seed, named ones, or those
-of a list of segments (``track_shapes``); they are flat and equally wide everywhere.
+Actions, observations, rewards, ends and options are those of TORCS: see ``rules.py``. The car is a dynamic bicycle
+model (``motion.py``) with the numbers of ``car.py``: where the tyres' grip doesn't suffice, it slides. Beside the road
+there is less grip and more resistance, and after 8 m a wall. Roads are random ones by seed, named ones, or lists of
+segments (``roads.py``); they are flat and equally wide everywhere.
 
 - *Start:* in the middle of the road and along it, at the speed of the profile, on the start line or anywhere.
 - *Hidden state:* distance along the middle line (m), offset to the left of it (m), angle to it (rad), velocity forwards
@@ -59,24 +59,24 @@ from dpsearch.envs.driving.rules import (
 )
 
 WIDTH = 12.0
-"""Of the road (m)."""
+"""Width of the road (m)."""
 NARROWEST = 4.0
 """The narrowest road that there may be (m)."""
 TRACE = 3600
-"""Steps of which a drawing shows where the car has been."""
+"""Number of steps whose places a drawing shows."""
 ROOM = 0.8
 """Share of a curve's radius that road and verge may take on its inner side."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackTask(Task):
-    """What there is to know about a drive.
+    """The task of driving on a closed road.
 
     Attributes:
         shape: The middle line of the road.
-        width: Of the road (m).
-        car: What drives.
-        rules: What is driven and seen.
+        width: Width of the road (m).
+        car: The car.
+        rules: The rules of the drive.
     """
 
     shape: Shape
@@ -86,12 +86,12 @@ class TrackTask(Task):
 
     @override
     def hidden(self, states: NDArray[np.float64]) -> NDArray[Any]:
-        """What moves, without what is kept for the rules."""
+        """The car's motion, without the rows that are kept for the rules."""
         return states[:, : rows.HIDDEN]
 
     @override
     def details(self, states: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """Speed, place, laps."""
+        """Entries of ``info`` besides the hidden state: speed, place, laps."""
         return {
             "speed": KMH * states[:, rows.FORWARD],
             "position": states[:, rows.OFFSET] / (0.5 * self.width),
@@ -103,14 +103,14 @@ class TrackTask(Task):
 
     @override
     def carry_on(self, states: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """Where the car left the road, and how long it has driven."""
+        """Options for the next ``reset``: the place where the car left the road, and the steps driven."""
         return {
             "driven_steps": states[:, rows.DRIVEN].astype(np.int64),
             "distance": states[:, rows.LEFT_AT].copy(),
         }
 
     def start(self, driven_steps: int, distance: float) -> NDArray[np.float64]:
-        """The kernel's state in which an episode starts after so many steps, so far along the road (m)."""
+        """The kernel's state at the start of an episode, by the steps driven before and the place on the road (m)."""
         return state_at(self.kernel, self.rules, driven_steps, distance)
 
 
@@ -120,21 +120,22 @@ class Track(KernelEnv):
     Args:
         track: A seed for a random road of 2 to 4 km, "oval", "circuit", "g-track-2" (of TORCS), or a list of segments:
             ["straight", metres] and ["turn", radius in metres, degrees to the left].
-        width: Of the road (m).
+        width: Width of the road (m).
         speed_profile: (start, end, seconds) in km/h, km/h and s: the speed that a controller holds rises from start to
             end over the time driven; a number for a constant speed; None to give throttle and brake to the agent.
-        observations: Names of what is seen: of speed, steering, position, lookahead, angle, curvature, rays, target.
+        observations: Names of the observations, from speed, steering, position, lookahead, angle, curvature, rays,
+            target.
         lookahead: Base (m) and gain (s) of the look-ahead distance, which is base + gain * speed.
         start: "line" for the start line, "random" for anywhere on the road.
-        control_hz: Steps a second.
+        control_hz: Control steps a second.
         stuck_seconds: Time off the road or standing after which the car is stuck and the episode over.
-        reward: Of a step on the road: "speed", "progress" for the speed along the road, or "centred" for that times
-            1 - position^2.
+        reward: Reward of a step on the road: "speed", "progress" for the speed along the road, or "centred" for that
+            times 1 - position^2.
         max_episode_steps: Steps after which an episode is cut off; 54,000, half an hour, by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     task: TrackTask
@@ -172,7 +173,7 @@ class Track(KernelEnv):
         reward: str = "speed",
         max_episode_steps: int | None = None,
     ) -> TrackTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         rules = driving_rules(
             speed_profile=speed_profile,
             observations=observations,
@@ -196,7 +197,7 @@ class Track(KernelEnv):
 
     @override
     def _follow(self) -> None:
-        """Remembers where the car has been, if that will be drawn."""
+        """Remembers the places of the car, if they will be drawn."""
         if self.render_mode in ("rgb_array", "human"):
             if self.elapsed_steps == 0:
                 self._trace.clear()
@@ -210,7 +211,7 @@ class Track(KernelEnv):
         return x, y, heading + float(state[rows.ANGLE])
 
     def view(self) -> View:
-        """What there is to be seen of the present moment."""
+        """The present moment, for drawings."""
         state, rules, shape = self.kernel_state(), self.task.rules, self.task.shape
         details = {name: values[0].item() for name, values in self.task.details(state[None]).items()}
         ahead = shape.at(state[rows.DISTANCE] + rules.lookahead_distance(details["speed"]))
@@ -249,14 +250,14 @@ def track_task(
     """The task of driving.
 
     Args:
-        track: As in :class:`Track`.
-        width: Of the road (m).
-        rules: What is driven and seen.
+        track: Road, as in :class:`Track`.
+        width: Width of the road (m).
+        rules: The rules of the drive.
         max_episode_steps: Steps after which an episode is cut off.
-        car: What drives; None for the usual one.
+        car: The car; None for the usual one.
 
     Raises:
-        ValueError: If an argument is none of these, or the road is too wide for the track.
+        ValueError: If an argument is not accepted, or the road is too wide for the track.
     """
     car = Car() if car is None else car
     if not isinstance(width, int | float) or isinstance(width, bool) or not NARROWEST <= width < math.inf:

@@ -13,24 +13,24 @@ _METRE = 150.0  # pixels
 _MIDDLE, _GROUND = WIDTH / 2, 362.0  # the middle of the track, and the height of the rails
 _CART_WIDTH, _CART_HEIGHT, _WHEEL = 84.0, 34.0, 9.0
 _HINGES = ((0.0,), (-17.0, 20.0))  # where on the cart the poles stand, for one pole and for two
-_LENGTHS = (1.0, 0.1)  # of the poles, in metres
+_LENGTHS = (1.0, 0.1)  # lengths of the poles, in metres
 _WIDTHS = (9.0, 7.0)
 _COLORS = (palette.ORANGE, palette.BLUE)
-_SECONDS = 0.02  # that an action lasts
+_SECONDS = 0.02  # s, the time that an action lasts
 _TEXT_CELLS = 48  # characters between the ends of the track
 
 
 @dataclass(frozen=True)
 class View:
-    """All that is drawn.
+    """The present moment of balancing, as drawings need it.
 
     Attributes:
-        state: x, v, a_1, w_1 (and a_2, w_2), in metres, radians and seconds.
-        scales: What each of these is divided by before the agent sees it.
+        state: The state x, v, a_1, w_1 (and a_2, w_2), in metres, radians and seconds.
+        scales: Divisors of the numbers of the state before the agent sees them.
         velocities: Whether the agent is shown v and w.
-        track: How far the cart may be from the middle (m).
-        lean: How far a pole may lean (rad).
-        force: On the cart during the step before (N), or None.
+        track: Largest distance of the cart from the middle (m).
+        lean: Largest angle of a pole (rad).
+        force: Force on the cart during the last step (N), or None.
         step: Steps so far.
         max_steps: Steps at which the episode is cut off.
         episode_return: Sum of rewards so far.
@@ -48,12 +48,12 @@ class View:
 
     @property
     def angles(self) -> tuple[float, ...]:
-        """Of the poles, in radians from upright to the right."""
+        """Angles of the poles, in radians from upright to the right."""
         return self.state[2::2]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the poles are called."""
+        """Names of the poles."""
         return ("pole",) if len(self.angles) == 1 else ("long pole", "short pole")
 
     @property
@@ -73,7 +73,7 @@ class View:
 
     @property
     def aim(self) -> str:
-        """What is to be done, for those who have never heard of it."""
+        """The aim in words, for people who have never heard of the task."""
         what = "both poles upright" if len(self.angles) == 2 else "the pole upright"
         blind = "" if self.velocities else " Velocities are not shown."
         return f"Push the cart to keep {what} and stay on the track.{blind}"
@@ -84,7 +84,7 @@ class View:
         return f"{self.step:,} of {self.max_steps:,} steps, {self.step * _SECONDS:.2f} s"
 
     def message(self) -> Message:
-        """What goes on."""
+        """Sentence about the moment."""
         for name, down in zip(self.names, self.fallen, strict=True):
             if down:
                 degrees = round(math.degrees(self.lean))
@@ -98,7 +98,7 @@ class View:
         return Message(f"Balanced for {self.step:,} step{'s' * (self.step != 1)}, {self.step * _SECONDS:.2f} seconds.")
 
     def readings(self) -> list[tuple[str, str, str | None]]:
-        """Name and value of each number of the state, and what the agent sees of it: None if it is hidden."""
+        """Name and value of each number of the state, and its observation: None if it is hidden."""
         names = ("cart", *self.names)
         readings: list[tuple[str, str, str | None]] = []
         for i, (value, scale) in enumerate(zip(self.state, self.scales, strict=False)):
@@ -124,7 +124,7 @@ def picture(view: View) -> Frame:
 
 
 def _track(canvas: Canvas, view: View) -> None:
-    """Rails with a ruler below them, and a buffer at either end."""
+    """Draws rails with a ruler below them, and a buffer at either end."""
     reach = view.track * _METRE
     color = palette.RED if view.off_the_track else palette.INK
     canvas.line((_MIDDLE - reach - 60, _GROUND), (_MIDDLE + reach + 60, _GROUND), palette.LINE, 3)
@@ -159,7 +159,7 @@ def _cart(canvas: Canvas, view: View) -> None:
 
 
 def _force(canvas: Canvas, view: View, x: float, y: float) -> None:
-    """An arrow that pushes the cart from behind, as long as the force is strong."""
+    """Draws an arrow that pushes the cart from behind, in proportion to the force."""
     if view.force is None:
         return
     side = 1.0 if view.force > 0 else -1.0
@@ -187,7 +187,7 @@ def _within(value: float, bound: float) -> float:
 
 
 def _cards(view: View) -> list[Card]:
-    """One for each number of the state, what the agent does not see in grey."""
+    """A card for each number of the state; numbers that the agent does not see are grey."""
     wrong = [view.off_the_track, False, *(flag for down in view.fallen for flag in (down, False))]
     cards = []
     for bad, (title, value, seen) in zip(wrong, view.readings(), strict=True):

@@ -53,19 +53,19 @@ from dpsearch.envs.poles.drawing import View, picture, text
 from dpsearch.envs.poles.kernel import applied_force, pack
 
 TRACK = 2.4
-"""How far the cart may be from the middle (m)."""
+"""Largest distance of the cart from the middle (m)."""
 LEAN = {1: math.radians(12), 2: math.radians(36)}
-"""How far a pole may lean (rad), by the number of poles."""
+"""Largest angle of a pole (rad), by the number of poles."""
 FASTEST = 10.0
 """The largest velocity of a start state, in m/s or rad/s."""
 START_ANGLE = 0.0700851
-"""Of the long pole (rad); everything else starts at 0."""
+"""First angle of the long pole (rad); all else starts at 0."""
 SCALES = (4.8, 2.0, 0.52, 2.0, 0.52, 2.0)
-"""What the numbers of the state are divided by to be shown."""
+"""Divisors of the numbers of the state, which give the observations."""
 LONGEST = 100_000
 DAMPING_LIMIT = 1000
 REWARDS: dict[str, tuple[float, float] | None] = {"steps": (1.0, 0.0), "failure": (0.0, -1.0), "damping": None}
-"""What a step survived earns, and one in which something falls; None for Gruau's fitness."""
+"""Rewards of a step survived, and of a step in which something falls; None for Gruau's fitness."""
 GENERALISATION = "generalisation"
 
 _GRUAU_FRACTIONS = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -80,10 +80,10 @@ def generalisation_starts(poles: int) -> NDArray[np.float64]:
     The short pole stands upright.
 
     Args:
-        poles: 1 or 2.
+        poles: Number of poles, 1 or 2.
 
     Raises:
-        ValueError: If there are more or fewer.
+        ValueError: If ``poles`` is neither.
     """
     if poles not in LEAN:
         raise ValueError(f"poles must be 1 or 2, got {poles!r}")
@@ -94,12 +94,12 @@ def generalisation_starts(poles: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class PoleTask(Task):
-    """What there is to know about a pole-balancing task.
+    """The task of balancing one or two poles.
 
     Attributes:
-        poles: How many, 1 or 2.
-        velocities: Whether they are shown.
-        reward: "steps", "failure" or "damping".
+        poles: Number of poles, 1 or 2.
+        velocities: Whether velocities are observed.
+        reward: Kind of reward: "steps", "failure" or "damping".
     """
 
     poles: int
@@ -108,12 +108,12 @@ class PoleTask(Task):
 
     @override
     def hidden(self, states: NDArray[np.float64]) -> NDArray[Any]:
-        """Places, angles and velocities, without what the kernel keeps in order to reward damping."""
+        """Places, angles and velocities, without the rows that the kernel keeps for rewarding damping."""
         return states[:, : 2 + 2 * self.poles]
 
     @override
     def threshold(self, limit: int) -> float | None:
-        """That of never falling; with damping there is none."""
+        """Mean return of never falling; None with damping."""
         return {"steps": float(limit), "failure": 0.0}.get(self.reward)
 
 
@@ -128,15 +128,15 @@ def pole_task(
     """The task of balancing.
 
     Args:
-        poles: How many, 1 or 2.
-        velocities: Whether they are shown.
-        reward: "steps", "failure" or "damping".
-        start_state: As in :class:`PolesEnv`.
-        cart_friction: As in :class:`PolesEnv`.
-        max_episode_steps: As in :class:`PolesEnv`.
+        poles: Number of poles, 1 or 2.
+        velocities: Whether velocities are observed.
+        reward: Kind of reward: "steps", "failure" or "damping".
+        start_state: Start state or states, as in :class:`PolesEnv`.
+        cart_friction: Force in N that brakes a moving cart.
+        max_episode_steps: Steps after which an episode is cut off; None for the usual limit.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
     if reward not in REWARDS:
         raise ValueError(f"reward must be one of {', '.join(REWARDS)}, got {reward!r}")
@@ -185,23 +185,23 @@ def _checked_starts(start_state: ArrayLike | str | None, poles: int) -> NDArray[
 
 
 class PolesEnv(KernelEnv):
-    """One cart with its poles, as drawn above. The four tasks are subclasses, which say no more than which one.
+    """One cart with its poles, as drawn above. The four tasks are subclasses.
 
     Args:
-        reward: "steps", "failure" or "damping".
-        start_state: x, v, a_1, w_1 (and a_2, w_2) in metres, radians and seconds, within the limits, velocities up to
-            10; or rows of these, of which each episode draws one at random; or "generalisation" for the 625 of
-            :func:`generalisation_starts`. None for the usual start.
+        reward: Kind of reward: "steps", "failure" or "damping".
+        start_state: Start state x, v, a_1, w_1 (and a_2, w_2) in metres, radians and seconds, within the limits,
+            velocities up to 10; or rows of these, of which each episode draws one at random; or "generalisation" for
+            the 625 of :func:`generalisation_starts`. None for the usual start.
         cart_friction: Force in N that brakes a moving cart. Wieland lists 5e-4, and the literature leaves it out.
         max_episode_steps: Steps after which an episode is cut off; 100,000 by default, and 1,000 with damping.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 
     Attributes:
-        poles: How many.
-        velocities: Whether they are shown.
+        poles: Number of poles.
+        velocities: Whether velocities are observed.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
     """
 
     poles: ClassVar[int]
@@ -227,11 +227,11 @@ class PolesEnv(KernelEnv):
         cart_friction: float = 0.0,
         max_episode_steps: int | None = None,
     ) -> PoleTask:
-        """What the class plays with these arguments."""
+        """The task that the class plays with these arguments."""
         return pole_task(cls.poles, cls.velocities, reward, start_state, cart_friction, max_episode_steps)
 
     def view(self) -> View:
-        """What there is to be seen of the present moment."""
+        """The present moment, for drawings."""
         state = self.kernel_state()
         return View(
             state=tuple(state[: 2 + 2 * self.poles].tolist()),

@@ -8,11 +8,12 @@ leans by the angle a_i and turns with the angular velocity w_i::
     dv/dt   = (F - cart friction * sign v + sum of push_i) / (M + sum of m_i (1 - 3/4 cos^2 a_i))
     dw_i/dt = -3 / (4 l_i) (dv/dt cos a_i + pull_i)
 
-Fourth-order Runge and Kutta integrates them. As the derivatives of place and angles are velocities, and theirs are the
-accelerations, the four stages can be written out in terms of the latter, which saves half of the bookkeeping.
+Fourth-order Runge and Kutta integrates them. As the derivatives of places are velocities, and the derivatives of
+velocities are accelerations, the four stages can be written in terms of accelerations, which saves half of the
+bookkeeping.
 
 The state of a lane is (x, v, a_1, w_1) or (x, v, a_1, w_1, a_2, w_2), in metres, radians and seconds. For the damping
-fitness there follow the steps survived, the fitness so far, and how much moved in each of the last 101 states.
+fitness there follow the steps survived, the fitness so far, and the motion in each of the last 101 states.
 
 Source: A. P. Wieland, "Evolving neural network controllers for unstable systems", IJCNN 1991, as in F. Gomez and
 R. Miikkulainen, "Incremental evolution of complex general behavior", Adaptive Behavior 5, 1997.
@@ -60,7 +61,7 @@ _S: Final = (  # (sin x - x) / x^3 as a polynomial in x^2 that interpolates at C
     1.6055782815851143e-10,
     -7.494895594805586e-13,
 )
-_C: Final = (  # (cos x - 1 + x^2 / 2) / x^4, likewise
+_C: Final = (  # (cos x - 1 + x^2 / 2) / x^4 as a polynomial in x^2, by the same nodes
     0.04166666666666633,
     -0.0013888888888734768,
     2.4801587186468036e-05,
@@ -94,7 +95,7 @@ def _sincos(x):
 
 @_inline
 def applied_force(action):
-    """Newtons for an action in [-1, 1], never less than the smallest force."""
+    """Force (N) for an action in [-1, 1], never weaker than the smallest force."""
     force = LARGEST_FORCE * min(max(action, -1.0), 1.0)
     smallest = SMALLEST_FORCE if force >= 0.0 else -SMALLEST_FORCE
     return smallest if abs(force) < SMALLEST_FORCE else force
@@ -108,7 +109,7 @@ def _drag(v, friction):
 
 @_inline
 def _pole(a, w, mass, half_length):
-    """What a pole does to the cart: ``cos a``, its pull, its push, and its share of the mass to be moved."""
+    """Effect of a pole on the cart: ``cos a``, its pull, its push, and its share of the mass to be moved."""
     s, c = _sincos(a)
     pull = HINGE_FRICTION / (mass * half_length) * w + GRAVITY * s
     push = (mass * half_length * s) * (w * w) + (0.75 * mass) * (c * pull)
@@ -225,13 +226,13 @@ def _step_two(floats, friction, action, state, reward, terminated, lanes):
 
 @_inline
 def _motion(state, i):
-    """How much moves: ``|x| + |v| + |a_1| + |w_1|``."""
+    """Motion in Gruau's sense: ``|x| + |v| + |a_1| + |w_1|``."""
     return abs(state[i]) + abs(state[LANES + i]) + abs(state[2 * LANES + i]) + abs(state[3 * LANES + i])
 
 
 @_inline
 def _damping(size, state, reward, terminated, lanes):
-    """Pays each step what it adds to Gruau's fitness; ``size`` is the number of rows before its own."""
+    """Pays each step what it adds to Gruau's fitness; ``size`` is the number of rows before the fitness's own."""
     steps, fitness, window = size * LANES, (size + 1) * LANES, (size + 2) * LANES
     for i in range(lanes):
         state[steps + i] += 1.0
@@ -313,11 +314,11 @@ def pack(
 
     Args:
         starts: States in which an episode may begin ``(n, 4)`` for one pole, ``(n, 6)`` for two.
-        limits: How far from its middle the cart may be (m), and how far a pole may lean (rad).
-        rewards: Of a step survived and of one in which something falls; None for Gruau's damping fitness.
+        limits: Largest distance of the cart from the middle (m), and largest angle of a pole (rad).
+        rewards: Rewards of a step survived, and of a step in which something falls; None for Gruau's damping fitness.
         cart_friction: Force that brakes a moving cart (N).
-        scales: What each number of the state is divided by to be shown.
-        seen: The numbers of the state that are shown.
+        scales: Divisors of the numbers of the state, which give the observations.
+        seen: Indices of the numbers of the state that are observed.
     """
     size = starts.shape[1]
     survived, failed = rewards or (0.0, 0.0)

@@ -1,6 +1,6 @@
 """A TORCS process that is driven in lock-step.
 
-Nobody else can reach it: the two talk over a pair of connected sockets, one of which the process inherits.
+No other program can reach the process: it inherits one of a pair of connected sockets, over which the two talk.
 Between two orders its time stands still.
 """
 
@@ -29,28 +29,28 @@ _HELLO = struct.Struct("4d")
 
 
 class State(NamedTuple):
-    """How things are. To the left is positive.
+    """The state of car and road, as TORCS reports it. To the left is positive.
 
     Attributes:
-        time: Since the car was put on the road (s).
-        speed: Along the car's axis (m/s).
-        slip: Across it (m/s).
-        yaw_rate: rad/s.
-        x: Place in the plane (m).
-        y: Likewise.
-        yaw: Heading in the plane (rad).
-        to_middle: From the road's middle line (m).
-        width: Of the road (m).
-        steering: Where the front wheels point, as a fraction of the lock.
-        along: From the start line, along the middle line (m).
-        angle: Of the car relative to the road (rad).
-        bearing: Relative to the car's heading, of the middle of the road at the look-ahead distance (rad).
-        curvature: Of the middle line there (1/m).
-        gear: -1 is reverse, 0 neutral.
-        rpm: Of the engine (1/min).
-        throttle: In [0, 1].
-        brake: In [0, 1].
-        mu: Friction of the road's surface here.
+        time: Time since the car was put on the road (s).
+        speed: Velocity along the car's axis (m/s).
+        slip: Velocity across the car's axis (m/s).
+        yaw_rate: Turning rate (rad/s).
+        x: First coordinate of the car in the plane (m).
+        y: Second coordinate of the car in the plane (m).
+        yaw: Heading of the car in the plane (rad).
+        to_middle: Distance from the road's middle line (m).
+        width: Width of the road (m).
+        steering: Angle of the front wheels, as a fraction of the lock.
+        along: Distance from the start line, along the middle line (m).
+        angle: Angle of the car relative to the road (rad).
+        bearing: Direction of the middle of the road at the look-ahead distance, relative to the car's heading (rad).
+        curvature: Curvature of the middle line at the look-ahead distance (1/m).
+        gear: Number of the gear; -1 is reverse, 0 neutral.
+        rpm: Speed of the engine (1/min).
+        throttle: Position of the throttle, in [0, 1].
+        brake: Position of the brake pedal, in [0, 1].
+        mu: Friction of the road's surface below the car.
         rays: Free road (m) in nine directions from 60 degrees to the right to 60 to the left; 0 unless asked for.
     """
 
@@ -81,23 +81,23 @@ _STATE = struct.Struct(f"{_SINGLE + RAYS}d")
 
 
 class Simulator:
-    """TORCS with one car, which is put somewhere and then driven step by step.
+    """TORCS with one car, which is put on the road and then driven step by step.
 
     Args:
         track: Name of the track.
         car: Name of the car.
-        control_hz: Steps a second. TORCS computes in steps of 2 ms, of which a control step has as many as it takes
-            to be right on average: 17, 17, 16 at 30 Hz.
+        control_hz: Control steps a second. TORCS computes in steps of 2 ms, of which a control step has as many as it
+            takes to be right on average: 17, 17, 16 at 30 Hz.
         lookahead: Base (m) and gain (s) of the look-ahead distance.
-        rays: Whether ``State.rays`` is wanted, which takes time.
-        patience: Seconds without an order after which TORCS gives up.
+        rays: Whether to compute ``State.rays``, which takes time.
+        patience: Time without an order after which TORCS gives up (s).
 
     Attributes:
-        length: Of the road's middle line (m).
-        steer_lock: The largest angle of the front wheels (rad).
-        mass: Of the car and its fuel (kg).
-        wheelbase: Distance of the axles (m).
-        pid: Of the process.
+        length: Length of the road's middle line (m).
+        steer_lock: Largest angle of the front wheels (rad).
+        mass: Mass of the car and its fuel (kg).
+        wheelbase: Distance between the axles (m).
+        pid: Number of the process.
 
     Raises:
         TorcsError: If TORCS is missing or does not start.
@@ -142,15 +142,15 @@ class Simulator:
 
     @property
     def running(self) -> bool:
-        """Whether the process is there."""
+        """Whether the process still runs."""
         return self._finalizer.alive and self._process.poll() is None
 
     def put(self, distance: float, speed: float) -> State:
-        """Puts the car on the middle line, rolling along it; all that was before is forgotten.
+        """Puts the car on the middle line, rolling along it, and forgets the drive before.
 
         Args:
-            distance: From the start line, along the middle line (m); within half a metre or so.
-            speed: m/s, likewise.
+            distance: Distance from the start line, along the middle line (m); met within half a metre or so.
+            speed: Speed along the middle line (m/s), met about as well.
         """
         return self._state(_PUT, distance, speed)
 

@@ -10,9 +10,9 @@ r"""The real TORCS as an environment: a racing car, steered 30 times a second.
        `._______|_______}
                 start
 
-What is done, seen and earned is said in :mod:`dpsearch.envs.driving.rules`: the same as in the embedded track, so that
-what learns there can drive here. Time stands still between two steps; an episode is a function of its start and the
-actions, bit for bit. Between the control steps TORCS computes in steps of 2 ms.
+Actions, observations and rewards are those of :mod:`dpsearch.envs.driving.rules`, which the embedded track shares, so
+that a policy learned there can drive here. Time stands still between two steps; an episode is a function of its start
+and the actions, bit for bit. Between the control steps TORCS computes in steps of 2 ms.
 
 - *Start:* the car rolls along the middle of the road at the speed to be held.
 - *End:* stuck, off the road or standing; or the limit of 54,000 steps, half an hour. There is no damage, and fuel is
@@ -61,24 +61,24 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         car: Name of the car: "gt1", like the thesis's, or one of TORCS' own.
         speed_profile: (start, end, seconds) in km/h, km/h and s; a number for a constant speed; None if the agent
             has the pedals.
-        observations: Names of what is seen, of ``dpsearch.envs.driving.rules.OBSERVATIONS``.
+        observations: Names of the observations, from ``dpsearch.envs.driving.rules.OBSERVATIONS``.
         lookahead: Base (m) and gain (s) of the look-ahead distance, ``base + gain * speed``.
         start: "line", or "random" for anywhere on the road.
-        control_hz: Steps a second, from 10 to 200.
+        control_hz: Control steps a second, from 10 to 200.
         stuck_seconds: Time off the road or standing after which the car is stuck.
-        reward: Of a step on the road: "speed", "progress" for the speed along the road, or "centred" for that times
-            1 - position^2.
+        reward: Reward of a step on the road: "speed", "progress" for the speed along the road, or "centred" for that
+            times 1 - position^2.
         max_episode_steps: Steps after which an episode is cut off; 54,000 by default.
         render_mode: "rgb_array", "human" (needs pygame), "ansi" (text) or None.
 
     Attributes:
-        rules: What holds.
-        simulator: TORCS, once there has been a reset.
-        max_episode_steps: As above.
+        rules: The rules of the drive.
+        simulator: The process of TORCS; None before the first reset.
+        max_episode_steps: Steps after which an episode is cut off.
         reward_threshold: None: how fast one can go is up to the track.
 
     Raises:
-        ValueError: If an argument is none of these.
+        ValueError: If an argument is not accepted.
         TorcsError: If TORCS is not installed.
         gymnasium.error.DependencyNotInstalled: If the mode is "human" and pygame is missing.
     """
@@ -141,7 +141,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
                 (m along the middle line). ``info["carry_on"]`` at the end of an episode has both, for the next one.
 
         Raises:
-            ValueError: If the options are others.
+            ValueError: If an option is another one.
             TorcsError: If TORCS does not start.
         """
         super().reset(seed=seed)
@@ -202,7 +202,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         return self.simulator
 
     def _checked(self, action: Any) -> list[float]:
-        """The action's numbers, taken to the bounds of the action space if they lie beyond."""
+        """The numbers of the action, clipped to the bounds of the action space."""
         array = np.asarray(action)
         if array.shape != self.action_space.shape or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
             raise ValueError(f"an action must be in {self.action_space}, got {action!r}")
@@ -235,7 +235,7 @@ class TORCS(gym.Env[NDArray[Any], Any]):
             self._window.show(self.picture())
 
     def view(self) -> View:
-        """What there is to be seen of the present moment."""
+        """The present moment, for drawings."""
         simulator, state, referee = self.simulator, self._state, self._referee
         assert simulator is not None
         assert state is not None
@@ -304,5 +304,5 @@ class TORCS(gym.Env[NDArray[Any], Any]):
 
 
 def _on_the_lap(state: State, simulator: Simulator) -> float:
-    """Where on the middle line the car is (m), which rounding may put beyond the line's ends."""
+    """The car's place on the middle line (m), kept between its ends, beyond which rounding may put it."""
     return float(min(max(state.along, 0.0), simulator.length))

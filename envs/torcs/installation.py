@@ -1,4 +1,4 @@
-"""Where TORCS is, and how it is started without rights, without a display, and without being in anyone's way.
+"""The installed TORCS, and how it is started without rights and without a display.
 
 Each TORCS runs in a private tree of links to the installed one, to which a car of our own, a robot and a race are
 added. It is removed afterwards.
@@ -72,11 +72,11 @@ _ROBOT = Template("""\
 
 
 class TorcsError(gymnasium.error.Error, OSError):
-    """TORCS is missing, could not be started, or has come to an end: no fault of the program that used it."""
+    """TORCS is missing, cannot be started, or has ended; the program that uses it is not at fault."""
 
 
 def _robot() -> Path:
-    """Our robot, compiled; ``build.sh`` has the same name for it."""
+    """Path of our compiled robot; ``build.sh`` writes it there."""
     home = os.environ.get("XDG_CACHE_HOME")
     cache = (Path(home) if home else Path.home() / ".cache") / "dpsearch" / "torcs"
     sources = [path for suffix in ("cpp", "hpp") for path in sorted((HERE / "robot").glob(f"*.{suffix}"))]
@@ -86,12 +86,12 @@ def _robot() -> Path:
 
 @dataclass(frozen=True)
 class Installation:
-    """What is needed of TORCS.
+    """The parts of an installed TORCS.
 
     Attributes:
         library: The directory with ``torcs-bin`` and its modules.
         data: The directory with cars and tracks.
-        robot: Our robot, compiled.
+        robot: The compiled module of our robot.
     """
 
     library: Path
@@ -100,10 +100,10 @@ class Installation:
 
     @classmethod
     def find(cls) -> Installation:
-        """What is installed on this machine.
+        """The installation on this machine.
 
         Raises:
-            TorcsError: If something is missing.
+            TorcsError: If a part is missing.
         """
         libraries = [path for pattern in _LIBRARIES for path in Path("/").glob(pattern[1:])]
         library = next((path for path in libraries if (path / "torcs-bin").is_file()), None)
@@ -130,7 +130,7 @@ class Installation:
         return sorted(path.name for path in (self.library / "drivers").iterdir() if path.name != "human")
 
     def check(self, track: str, car: str) -> None:
-        """Refuses what is not there.
+        """Makes sure that the race's track and car exist.
 
         Raises:
             ValueError: If there is no such track or car.
@@ -142,14 +142,14 @@ class Installation:
 
 @dataclass(frozen=True)
 class Race:
-    """One car on one track.
+    """A race of one car on one track.
 
     Attributes:
         track: Name of the track.
         car: Name of the car.
         robot: Name of the driver, our own "lockstep" or one of TORCS' own.
-        index: Which of the drivers of that name.
-        laps: After which the race ends.
+        index: Number of the driver, among the drivers of that name.
+        laps: Number of laps after which the race ends.
     """
 
     track: str
@@ -163,13 +163,13 @@ class Stage:
     """A private tree of links in which TORCS runs a race.
 
     Args:
-        installation: What the links lead to.
-        race: What is to be run.
+        installation: The installation that the links lead to.
+        race: The race to run.
 
     Attributes:
         root: The directory that holds all of it; ``remove`` deletes it.
-        command: How TORCS is started in ``root``.
-        environment: With these variables.
+        command: Command that starts TORCS in ``root``.
+        environment: Environment variables of that command.
 
     Raises:
         ValueError: If there is no such track or car.

@@ -1,4 +1,4 @@
-"""What TORCS' own drivers achieve, who know the track by heart: a yardstick for lap times."""
+"""Lap times of TORCS' own drivers, who know the track by heart, for comparison."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def best_lap(track: str = "e-track-1", car: str = OWN_CAR, driver: str = "berniw
         car: Name of the car; drivers may set it up to their liking.
         driver: Name of the driver. On the default track, with the default car, "berniw" is the fastest of those who
             keep to the road.
-        laps: To be driven, at least 1.
+        laps: Number of laps to drive, at least 1.
 
     Raises:
         ValueError: If there is no such track, car or driver, or the number of laps is out of range.
