@@ -26,8 +26,8 @@ test: ## Run the tests
 bench: ## Measure every speed the README names
 	$(PYTHON) scripts/benchmark.py
 
-docs: ## Compute the tables and figures of docs/results again (a long time)
-	$(PYTHON) scripts/reproduce.py fig_3_4
+docs: ## Compute every table and figure of docs/results again; runs that are logged there are not repeated
+	$(PYTHON) scripts/reproduce.py all
 
 clean-cache: ## Delete compiled kernels, to compile all of them anew
 	rm -rf dpsearch/__pycache__/kernels

@@ -1,17 +1,20 @@
-"""Computes a table or figure again: ``python scripts/reproduce.py fig_3_4 --jobs 8``.
+"""Computes a table or figure again: ``python scripts/reproduce.py fig_3_4 --jobs 8``; ``all`` computes every one.
 
 The results go to ``docs/results/NAME.json``, ``.md`` and ``.png``. Every run that is finished is noted in
 ``NAME.runs.jsonl`` at once and never made again, so the same command goes on where an earlier one was interrupted;
-figures that show the same runs share one such log.
+figures that show the same runs share one such log. ``all`` computes each page by the command that the page names, or by
+default options where there is no page yet.
 """
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 import signal
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
@@ -29,10 +32,31 @@ from scripts.experiments import EXPERIMENTS
 from scripts.experiments.experiment import Experiment, Illustration, Results
 from scripts.experiments.jobs import Batch, Job, Outcome, RunLog, batches, run_all
 
+ALL = "all"
+RESULTS = Path("docs/results")
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the runs that are missing, and write what all of them come to."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    args = _parser().parse_args(arguments)
+    for own in _own_commands(args.out) if args.name == ALL else [arguments]:
+        _write(own)
+
+
+def _own_commands(out: Path) -> Iterator[list[str]]:
+    """For every table and figure, the arguments that made its page in the folder, or those that make a first one."""
+    for name in EXPERIMENTS:
+        page = out / f"{name}.json"
+        if page.exists():
+            _, _, *arguments = shlex.split(json.loads(page.read_text())["command"])  # python scripts/reproduce.py ...
+        else:
+            arguments = [name] if out == RESULTS else [name, "--out", str(out)]
+        yield arguments
+
+
+def _write(arguments: Sequence[str]) -> None:
+    """Compute one table or figure, and write its page."""
     args = _parser().parse_args(arguments)
     how = command("scripts/reproduce.py", arguments)
     experiment = EXPERIMENTS[args.name]
@@ -121,7 +145,7 @@ def _parser() -> ArgumentParser:
     for name, experiment in EXPERIMENTS.items():
         own = names.add_parser(name, help=experiment.title, description=experiment.title)
         experiment.add_options(own)
-        own.add_argument("--out", type=Path, default=Path("docs/results"), help="folder; default: %(default)s")
+        _add_out(own)
         own.add_argument(
             "--seed",
             type=at_least(0),
@@ -142,7 +166,13 @@ def _parser() -> ArgumentParser:
             + (",".join(f"{method}={runs}" for method, runs in experiment.fewer.items()) or "none"),
         )
         own.add_argument("--jobs", type=at_least(1), default=os.cpu_count() or 1, help="processes; default: one a core")
+    every = "Every table and figure, by the command that its page names"
+    _add_out(names.add_parser(ALL, help=every, description=every))
     return parser
+
+
+def _add_out(parser: ArgumentParser) -> None:
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder; default: %(default)s")
 
 
 def _fewer(text: str) -> dict[str, int]:

@@ -149,3 +149,18 @@ def test_an_unwritable_folder_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(SystemExit, match=r"^error: .*file"):
         reproduce.main(["fig_3_4", "--out", str(tmp_path / "file" / "results")])
+
+
+def test_all_computes_every_page_by_its_own_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in set(EXPERIMENTS) - {"fig_3_4", "table_4_1"}:
+        monkeypatch.delitem(EXPERIMENTS, name)
+    first = pretend(monkeypatch, "fig_3_4")
+    own = ["fig_3_4", "--corridors", "10,20", "--methods", "lstm", "--runs", "3", "--out", str(tmp_path)]
+    reproduce.main(own)
+    page = (tmp_path / "fig_3_4.json").read_bytes()
+    (tmp_path / "fig_3_4.runs.jsonl").unlink()
+    again = pretend(monkeypatch, "fig_3_4")
+    reproduce.main(["all", "--out", str(tmp_path)])
+    assert again.calls == first.calls
+    assert (tmp_path / "fig_3_4.json").read_bytes() == page
+    assert (tmp_path / "table_4_1.md").exists()  # which had no page yet
