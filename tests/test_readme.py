@@ -30,5 +30,11 @@ def test_the_examples_of_searching_run_as_printed(capsys: pytest.CaptureFixture[
     assert re.match(r"\d+ evaluations; \d+ of 625 other starts", capsys.readouterr().out)
 
 
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_every_link_into_the_repository_leads_somewhere(page: str) -> None:
+    links = re.findall(r"\]\(([^)#:]+)\)", (README.parent / page).read_text(encoding="utf-8"))
+    assert [link for link in links if not (README.parent / link).exists()] == []
+
+
 def test_nothing_was_left_to_be_filled_in() -> None:
     assert not re.search(r"@[A-Z]+@|TODO", README.read_text(encoding="utf-8"))
