@@ -70,7 +70,8 @@ LIMIT = 1000
 THRESHOLD_PER_STEP = 1.7
 """Mean reward per step that counts as solved, 1700 in 1,000 steps.
 
-That is a little more than the thesis's hand-written policy earns, and 0.92 of the optimum. The return of the optimal policy has a standard deviation of 20, so 100 episodes leave no doubt.
+That is a little more than the thesis's hand-written policy earns, and 0.92 of the optimum. The return of the optimal
+policy has a standard deviation of 20, so 100 episodes leave no doubt.
 """
 
 _TURNED = (1, 4, 5, 6, 1, 2, 3, 1)  # the state after turning round, for each state
