@@ -63,16 +63,24 @@ def learn(
         rollouts: Plays the episodes; None for what the settings choose.
         callback: Called after each update with the algorithm and its metrics; False ends the run.
         until_solved: Whether the run also ends at the environment's reward threshold.
-        warm_up: Whether an evaluation episode is played before the watch starts: compiled code is loaded in it, or
-            compiled, which is no part of learning.
+        warm_up: Whether to load or compile all compiled code before the watch starts, which is no part of learning.
     """
-    algorithm = settings.algorithm(settings.rollouts() if rollouts is None else rollouts, seed)
     if warm_up:
-        algorithm.evaluate(1)
+        _warm_up(settings, seed)
+    algorithm = settings.algorithm(settings.rollouts() if rollouts is None else rollouts, seed)
     core, wall = process_time(), perf_counter()
     with suppress(FloatingPointError):
         algorithm.learn(**settings.limits(), until_solved=until_solved, callback=callback)
     return Learned(algorithm, process_time() - core, perf_counter() - wall)
+
+
+def _warm_up(settings: Settings, seed: int) -> None:
+    """Make the first update of a twin that is then thrown away: kernels are compiled, or loaded, at their first use."""
+    twin = settings.algorithm(settings.rollouts(), seed)
+    twin.evaluate(1)
+    with suppress(FloatingPointError):
+        twin.update()
+    twin.close()
 
 
 def until_solved(overrides: tuple[str, ...], seed: int) -> Outcome:

@@ -68,7 +68,7 @@ def searched(settings: Settings, seed: int) -> tuple[Learned, float]:
         leaves = driven(algorithm.policy, settings, TEST_PROFILE, TEST_STEPS).off_road.any()
         keeps_since = np.inf if leaves else min(keeps_since, algorithm.env_steps / 30.0)
 
-    run = learn(settings, seed, callback=test)
+    run = learn(settings, seed, callback=test, warm_up=False)  # no time is reported
     run.algorithm.close()
     return run, min(keeps_since, run.algorithm.env_steps / 30.0)
 

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -7,6 +9,7 @@ from dpsearch.policies import RecurrentPolicy
 from dpsearch.rollout import Episodes, Rollouts, make_rollouts
 from scripts.experiments.learning import GoalCounter, learn, until_goals, until_solved
 from scripts.experiments.training import compose
+from tests.support.application import ROOT
 
 TINY = ("algo=rpg", "env=tmaze", "env.corridor_length=1")
 
@@ -109,3 +112,27 @@ def test_a_run_that_diverges_ends_as_it_is() -> None:
 
     run = learn(compose(TINY), 0, callback=diverge)
     assert run.algorithm.updates == 1
+
+
+@pytest.mark.parametrize("algo", ["rpg", "xnes"])
+def test_no_code_is_compiled_or_loaded_under_the_watch(algo: str) -> None:
+    code = f"""
+from scripts.experiments import learning
+from scripts.experiments.training import compose
+from dpsearch.policies import CORES
+from dpsearch.policies.heads import categorical, softmax_gradient
+from dpsearch.rollout import lane_loop
+
+kernels = [core.step for core in CORES.values()]
+kernels += [categorical.categorical_sample, softmax_gradient.softmax_gradient, lane_loop.play]
+seen = []
+
+def look():
+    seen.append([len(kernel.signatures) for kernel in kernels])
+    return 0.0
+
+learning.process_time = look
+learning.learn(compose(("algo={algo}", "env=tmaze", "env.corridor_length=1", "total_updates=2")), 0)
+assert len(seen) == 2 and seen[0] == seen[1] and any(seen[0]), seen
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
