@@ -22,8 +22,8 @@ QUIET = {"verbose": -9, "verb_log": 0, "signals_filename": "", "seed": np.nan}
 class CMAES(Search):
     """CMA-ES; ask, tell and all else as in ``Search``.
 
-    What the package keeps cannot be saved without executing what is loaded, so the state is the list of all that was
-    told, and ``load_state_dict`` tells it once more: exact, and about as fast as the search itself.
+    The package's own state cannot be saved without executing code when it is loaded. So ``state_dict`` lists all
+    fitness told, and ``load_state_dict`` tells it once more: exact, and about as fast as the search itself.
 
     Args:
         x0: ``(d,)``, the initial mean.
@@ -48,7 +48,7 @@ class CMAES(Search):
         taken = OURS & (cma_options or {}).keys()
         if taken:
             raise ValueError(f"cma_options must leave {', '.join(sorted(taken))} to the arguments of CMAES")
-        self._told = np.zeros(0)  # the fitness of all generations, one after another
+        self._fitness: list[Vector] = []  # of all generations: told once more when a state is loaded
         self._replaced: dict[int, Matrix] = {}  # generation -> points told in place of those asked
         step = float(self.sigma0.max())
         settings = {"popsize": self.population, "CMA_stds": np.broadcast_to(self.sigma0 / step, self.x0.shape).copy()}
@@ -81,6 +81,15 @@ class CMAES(Search):
                 self._tell(self._replaced.get(self.generations, asked), fitness)
                 self.generations += 1
 
+    @property
+    def _told(self) -> Vector:
+        """All fitness told, one generation after another, as it is saved."""
+        return np.concatenate([np.zeros(0), *self._fitness])
+
+    @_told.setter
+    def _told(self, fitness: Vector) -> None:
+        self._fitness = [fitness]
+
     def _begin(self) -> None:
         self._random = self._generator()
         self.es = _cma().CMAEvolutionStrategy(*self._settings)
@@ -92,7 +101,7 @@ class CMAES(Search):
     def _learn(self, points: Matrix, fitness: Vector) -> None:
         if not np.array_equal(points, self.ask()):
             self._replaced[self.generations] = points
-        self._told = np.append(self._told, fitness)
+        self._fitness.append(fitness)
         self._tell(points, fitness)
 
     def _tell(self, points: Matrix, fitness: Vector) -> None:

@@ -2,10 +2,15 @@
 
 Written in y, an update is well conditioned however small or stretched the distribution has become. It is a pair
 (shift, stretch): the mean moves to where y = shift is, and the factor becomes factor @ stretch.
+
+Points told in place of those asked may lie anywhere, while the updates are made for draws from N(0, I): far out, a
+squared length outweighs all others. So their y is shortened to a length that a draw might have (N. Hansen, "Injecting
+external solutions into CMA-ES", Inria report 7748, 2011): such a point still says in which direction to go.
 """
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import Any
 
@@ -13,7 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dpsearch.search import importance_mixing
+from dpsearch.search.arguments import fraction
 from dpsearch.search.base import Matrix, Search, Vector
+
+LEAST_STD, LARGEST_STD = 1e-150, 1e150  # whose squares are still numbers
 
 
 class GaussianSearch(Search):
@@ -25,13 +33,16 @@ class GaussianSearch(Search):
         importance_mixing: Keep those points of the last generation that suit the moved distribution, so that fewer
             have to be evaluated: ``ask`` then gives only the new ones (section 4.5).
         refresh_rate: The least part of a generation that is new, eta in (0, 1]. Only with importance mixing.
-        diagonal: Keep the covariance diagonal.
         **options: See ``Search``.
+
+    Attributes:
+        diagonal: Whether the covariance stays diagonal.
 
     Raises:
         ValueError: If an argument is out of range.
     """
 
+    diagonal: bool = False
     _saved = (
         *Search._saved,
         "_mean",
@@ -49,15 +60,11 @@ class GaussianSearch(Search):
         *,
         importance_mixing: bool = False,
         refresh_rate: float = 0.01,
-        diagonal: bool = False,
         **options: Any,
     ) -> None:
         super().__init__(x0, sigma0, **options)
-        self.diagonal = diagonal
-        if not 0.0 < refresh_rate <= 1.0:
-            raise ValueError(f"refresh_rate must be in (0, 1], got {refresh_rate}")
-        self.importance_mixing = importance_mixing
-        self.refresh_rate = refresh_rate
+        self.importance_mixing = bool(importance_mixing)
+        self.refresh_rate = fraction("refresh_rate", refresh_rate)
         stds = np.broadcast_to(self.sigma0, self.x0.shape).copy()
         self._mean = self.x0.copy()
         self._factor = stds if self.diagonal else np.diag(stds)
@@ -85,21 +92,29 @@ class GaussianSearch(Search):
         """``(d,)``: the standard deviations of the search distribution along the axes."""
         return self._factor.copy() if self.diagonal else np.sqrt((self._factor**2).sum(axis=1))
 
+    @property
+    def condition(self) -> float:
+        """Condition number of the factor, with axes in units of ``sigma0``."""
+        if self.diagonal:
+            return super().condition
+        return float(np.linalg.cond(self._factor / np.broadcast_to(self.sigma0, self.x0.shape)[:, None]))
+
     @abstractmethod
     def _step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
-        """The update (shift ``(d,)``, stretch ``(d, d)`` or ``(d,)``) from points ``(n, d)`` in local coordinates."""
+        """From points ``(n, d)`` in local coordinates to the update: shift ``(d,)``, stretch ``(d, d)`` or ``(d,)``."""
 
     def _propose(self) -> Matrix:
         generator = self._generator()
         self._staying, self._staying_fitness = np.zeros((0, self.dimension)), np.zeros(0)
-        if not (self.importance_mixing and len(self._kept_local)):
+        before, stretch = self._kept_local, self._stretch
+        mixing = self.importance_mixing and len(before) > 0
+        if mixing:  # a point's density is that of its y, divided by the volume of the factor
+            log_volume = np.log(np.abs(stretch)).sum() if self.diagonal else np.linalg.slogdet(stretch)[1]
+        if not mixing or not np.isfinite(log_volume):
             self._local = generator.standard_normal((self.population, self.dimension))
         else:
-            before, stretch = self._kept_local, self._stretch
             inverse = 1.0 / stretch if self.diagonal else np.asarray(np.linalg.inv(stretch), np.float64)
             now = _out_of(inverse, before - self._shift)  # for so many points, half the time of solve()
-            # a point's density is that of its y, divided by the volume of the factor
-            log_volume = np.log(np.abs(stretch)).sum() if self.diagonal else np.linalg.slogdet(stretch)[1]
             log_ratio = 0.5 * (np.vecdot(before, before) - np.vecdot(now, now)) - log_volume
             staying = importance_mixing.keep(log_ratio, self.refresh_rate, generator)
             self._staying, self._staying_fitness = now[staying], self._kept_fitness[staying]
@@ -114,19 +129,37 @@ class GaussianSearch(Search):
         return self._mean + _out_of(self._factor, self._local)
 
     def _learn(self, points: Matrix, fitness: Vector) -> None:
-        local = self._local
-        assert self._asked is not None
-        if not np.array_equal(points, self._asked):  # others were told in their place
-            local = _into(self._factor, points - self._mean)
+        local = self._locate(points)
         if len(self._staying):
             local = np.concatenate([local, self._staying])
             fitness = np.concatenate([fitness, self._staying_fitness])
         shift, stretch = self._step(local, fitness)
         self._mean = self._mean + _out_of(self._factor, shift)
         self._factor = self._factor * stretch if self.diagonal else self._factor @ stretch
+        stds = self.stds
+        if not (stds.min() > LEAST_STD and stds.max() < LARGEST_STD):
+            allowed = np.clip(stds, LEAST_STD, LARGEST_STD) / stds
+            self._factor = self._factor * (allowed if self.diagonal else allowed[:, None])
         if self.importance_mixing:
             self._kept_local, self._kept_fitness = local, fitness
             self._shift, self._stretch = shift, stretch
+
+    def _locate(self, points: Matrix) -> Matrix:
+        """Local coordinates ``(n, d)`` of the points told: as drawn if they were asked, else not too far out."""
+        asked = self._asked
+        assert asked is not None
+        if np.array_equal(points, asked):
+            return self._local
+        drawn = {point.tobytes(): y for point, y in zip(asked, self._local, strict=True)}
+        local = np.array([drawn.get(point.tobytes(), np.full(self.dimension, np.nan)) for point in points])
+        others = np.isnan(local[:, 0])
+        local[others] = _into(self._factor, self._mean, points[others], reach(self.dimension))
+        return local
+
+
+def reach(dimension: int) -> float:
+    """Length of the longest y that a point may have which was not drawn: sqrt d + 2 d / (d + 2) (Hansen 2011)."""
+    return math.sqrt(dimension) + 2.0 * dimension / (dimension + 2.0)
 
 
 def _out_of(factor: Matrix, local: Matrix) -> Matrix:
@@ -134,8 +167,20 @@ def _out_of(factor: Matrix, local: Matrix) -> Matrix:
     return local * factor if factor.ndim == 1 else local @ factor.T
 
 
-def _into(factor: Matrix, points: Matrix) -> Matrix:
-    """The y with ``factor y = point`` for the rows of a matrix."""
+def _into(factor: Matrix, mean: Vector, points: Matrix, longest: float) -> Matrix:
+    """The y with ``mean + factor y = point``, shortened to ``longest``, for the rows of a matrix.
+
+    Rows are computed in units of a power of two, which is exact, so that they do not overflow.
+    """
+    unit = np.ldexp(1.0, np.frexp(np.maximum(np.abs(points).max(axis=1), np.abs(mean).max()))[1] - 1)[:, None]
+    offsets = points / unit - mean / unit
     if factor.ndim == 1:
-        return points / factor
-    return np.asarray(np.linalg.solve(factor, points.T).T)
+        local = offsets / factor
+    else:
+        try:
+            local = np.linalg.solve(factor, offsets.T).T
+        except np.linalg.LinAlgError:  # some directions have no width
+            local = np.linalg.lstsq(factor, offsets.T, rcond=None)[0].T
+    size = np.maximum(np.abs(local).max(axis=1), 1.0 / LARGEST_STD)[:, None]
+    lengths = size * np.linalg.norm(local / size, axis=1, keepdims=True)
+    return np.asarray(local * np.minimum(unit, longest / np.maximum(lengths, 1.0 / LARGEST_STD)))

@@ -24,6 +24,7 @@ class Marching(GaussianSearch):
     name = "marching"
 
     def __init__(self, shift: Array, stretch: Array, **options: Any) -> None:
+        self.diagonal = stretch.ndim == 1
         super().__init__(np.zeros(2), 1.0, population=8000, seed=11, importance_mixing=True, **options)
         self.step = shift, stretch
         self.learned: list[Array] = []
@@ -51,7 +52,7 @@ def surprise(population: Array) -> float:
 @pytest.mark.parametrize("diagonal", [False, True])
 def test_importance_mixing_keeps_the_search_distribution(refresh_rate: float, diagonal: bool) -> None:
     stretch = np.array([0.7, 1.2]) if diagonal else STRETCH
-    search = Marching(SHIFT, stretch, refresh_rate=refresh_rate, diagonal=diagonal)
+    search = Marching(SHIFT, stretch, refresh_rate=refresh_rate)
     populations = search.march(6)
     assert [len(p) for p in populations] == [8000] * 6
     assert min(surprise(p) for p in populations) > 1e-4
