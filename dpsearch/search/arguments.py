@@ -71,12 +71,21 @@ def one_of(name: str, value: Any, choices: Iterable[str]) -> str:
     return value
 
 
+def flag(name: str, value: Any) -> bool:
+    """True or False, NumPy's too; a ValueError that begins with its name if it is neither."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
 def array(name: str, value: ArrayLike, accepted: str) -> NDArray[np.float64]:
     """A new array of floats; a ValueError that says what is ``accepted`` if the value holds anything but numbers."""
     try:
-        return np.array(value, np.float64)
+        if not np.iscomplexobj(value):
+            return np.array(value, np.float64)
     except (TypeError, ValueError, RuntimeError):
-        raise ValueError(f"{name} must be {accepted}, got {shown(value)}") from None
+        pass
+    raise ValueError(f"{name} must be {accepted}, got {shown(value)}")
 
 
 def shown(value: Any) -> str:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dpsearch.search.arguments import fraction, one_of, positive, shown, whole
+from dpsearch.search.arguments import flag, fraction, one_of, positive, shown, whole
 from dpsearch.search.base import Matrix, Vector
 from dpsearch.search.gaussian import GaussianSearch
 from dpsearch.search.shaping import top_linear
@@ -85,6 +85,7 @@ class FEM(GaussianSearch):
         population: int | None = None,
         **options: Any,
     ) -> None:
+        self.online = flag("online", online)
         if online and (population is not None or options.get("importance_mixing")):
             raise ValueError(
                 "population and importance_mixing are for batches (online=False); online there is a window"
@@ -92,7 +93,6 @@ class FEM(GaussianSearch):
         if not online:
             population = 15 * np.size(x0) if population is None else whole("population", population, 2)
         self.diagonal = one_of("covariance", covariance, COVARIANCES) == "diagonal"
-        self.online = bool(online)
         self.window = 25 if window is None else whole("window", window, 1)
         super().__init__(x0, sigma0, population=1 if online else population, **options)
         usual = 0.2 if online else 0.5
@@ -104,7 +104,7 @@ class FEM(GaussianSearch):
             one=not online,
         )
         self.centre = one_of("centre", centre, CENTRES)
-        self.elitist = bool(elitist)
+        self.elitist = flag("elitist", elitist)
         self.expansion = positive("expansion", expansion)
         usual_top = min(5, self.ranked) if online else self.ranked // 2
         self.top = usual_top if top is None else whole("top", top, 1)

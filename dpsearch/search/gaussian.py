@@ -2,15 +2,10 @@
 
 Written in y, an update is well conditioned however small or stretched the distribution has become. It is a pair
 (shift, stretch): the mean moves to where y = shift is, and the factor becomes factor @ stretch.
-
-Points told in place of those asked may lie anywhere, while the updates are made for draws from N(0, I): far out, a
-squared length outweighs all others. So their y is shortened to a length that a draw might have (N. Hansen, "Injecting
-external solutions into CMA-ES", Inria report 7748, 2011): such a point still says in which direction to go.
 """
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from typing import Any
 
@@ -18,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dpsearch.search import importance_mixing
-from dpsearch.search.arguments import fraction
+from dpsearch.search.arguments import flag, fraction
 from dpsearch.search.base import Matrix, Search, Vector
+from dpsearch.search.injection import local_coordinates, which
 
 LEAST_STD, LARGEST_STD = 1e-150, 1e150  # whose squares are still numbers
 
@@ -63,7 +59,7 @@ class GaussianSearch(Search):
         **options: Any,
     ) -> None:
         super().__init__(x0, sigma0, **options)
-        self.importance_mixing = bool(importance_mixing)
+        self.importance_mixing = flag("importance_mixing", importance_mixing)
         self.refresh_rate = fraction("refresh_rate", refresh_rate)
         stds = np.broadcast_to(self.sigma0, self.x0.shape).copy()
         self._mean = self.x0.copy()
@@ -145,42 +141,17 @@ class GaussianSearch(Search):
             self._shift, self._stretch = shift, stretch
 
     def _locate(self, points: Matrix) -> Matrix:
-        """Local coordinates ``(n, d)`` of the points told: as drawn if they were asked, else not too far out."""
+        """Local coordinates ``(n, d)`` of the points told: as drawn if they were asked, else see ``injection``."""
         asked = self._asked
         assert asked is not None
         if np.array_equal(points, asked):
             return self._local
-        drawn = {point.tobytes(): y for point, y in zip(asked, self._local, strict=True)}
-        local = np.array([drawn.get(point.tobytes(), np.full(self.dimension, np.nan)) for point in points])
-        others = np.isnan(local[:, 0])
-        local[others] = _into(self._factor, self._mean, points[others], reach(self.dimension))
+        numbers = which(points, asked)
+        local, others = self._local[numbers], numbers < 0
+        local[others] = local_coordinates(points[others], self._mean, self._factor)
         return local
-
-
-def reach(dimension: int) -> float:
-    """Length of the longest y that a point may have which was not drawn: sqrt d + 2 d / (d + 2) (Hansen 2011)."""
-    return math.sqrt(dimension) + 2.0 * dimension / (dimension + 2.0)
 
 
 def _out_of(factor: Matrix, local: Matrix) -> Matrix:
     """``factor y`` for one y or for the rows of a matrix."""
     return local * factor if factor.ndim == 1 else local @ factor.T
-
-
-def _into(factor: Matrix, mean: Vector, points: Matrix, longest: float) -> Matrix:
-    """The y with ``mean + factor y = point``, shortened to ``longest``, for the rows of a matrix.
-
-    Rows are computed in units of a power of two, which is exact, so that they do not overflow.
-    """
-    unit = np.ldexp(1.0, np.frexp(np.maximum(np.abs(points).max(axis=1), np.abs(mean).max()))[1] - 1)[:, None]
-    offsets = points / unit - mean / unit
-    if factor.ndim == 1:
-        local = offsets / factor
-    else:
-        try:
-            local = np.linalg.solve(factor, offsets.T).T
-        except np.linalg.LinAlgError:  # some directions have no width
-            local = np.linalg.lstsq(factor, offsets.T, rcond=None)[0].T
-    size = np.maximum(np.abs(local).max(axis=1), 1.0 / LARGEST_STD)[:, None]
-    lengths = size * np.linalg.norm(local / size, axis=1, keepdims=True)
-    return np.asarray(local * np.minimum(unit, longest / np.maximum(lengths, 1.0 / LARGEST_STD)))

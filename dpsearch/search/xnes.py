@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
-from dpsearch.search.arguments import positive
+from dpsearch.search.arguments import flag, positive
 from dpsearch.search.base import Matrix, Vector
 from dpsearch.search.gaussian import GaussianSearch
 from dpsearch.search.shaping import log_rank
@@ -66,7 +66,7 @@ class XNES(GaussianSearch):
             if shape_learning_rate is None
             else positive("shape_learning_rate", shape_learning_rate)
         )
-        self.adaptation_sampling = bool(adaptation_sampling)
+        self.adaptation_sampling = flag("adaptation_sampling", adaptation_sampling)
         self._least_rate = self.sigma_learning_rate
         self._boldness = 0.0  # logarithm of how much wider the distribution would be had its last step been bolder
 

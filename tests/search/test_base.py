@@ -85,9 +85,9 @@ def test_an_argument_out_of_range_is_named(make: Maker, argument: str, arguments
 def test_a_population_or_patience_too_small_is_named(name: str) -> None:
     make = TYPES[name.removesuffix("-batch")]
     options: dict[str, Any] = {"online": False} if name == "fem-batch" else {}
-    with pytest.raises(ValueError, match="^population must be a whole number, at least 2, got 1$"):
+    with pytest.raises(ValueError, match=r"^population must be a whole number, at least 2, got 1$"):
         make(np.zeros(2), 1.0, population=1, **options)
-    with pytest.raises(ValueError, match="^patience must be a whole number, at least 1, got 0$"):
+    with pytest.raises(ValueError, match=r"^patience must be a whole number, at least 1, got 0$"):
         make(np.zeros(2), 1.0, patience=0)
 
 
