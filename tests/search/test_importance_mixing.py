@@ -138,9 +138,10 @@ def test_points_that_stay_are_the_same_points() -> None:
     search.tell(second, np.arange(8000.0, 8000.0 + len(second)))
     here = search.mean - search.factor @ np.linalg.solve(STRETCH, SHIFT)  # the mean before the last step
     factor = search.factor @ np.linalg.inv(STRETCH)
-    population = here + search._kept_local @ factor.T
+    kept = search.state_dict()
+    population = here + kept["kept_local"] @ factor.T
     np.testing.assert_allclose(population[: len(second)], second, rtol=0, atol=1e-9)
-    stayed = search._kept_fitness[len(second) :].astype(int)  # their fitness is their number
+    stayed = kept["kept_fitness"][len(second) :].astype(int)  # their fitness is their number
     assert len(stayed) == 8000 - len(second)
     np.testing.assert_allclose(population[len(second) :], first[stayed], rtol=0, atol=1e-9)
 
