@@ -172,7 +172,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         total_episodes: int | None = None,
         total_updates: int | None = None,
         until_solved: bool = False,
-        callback: Callable[[Self, Metrics], bool | None] | None = None,
+        callback: Callable[[Self, Metrics], object] | None = None,
     ) -> Self:
         """Update until a limit is reached, counted from the very beginning of the run.
 
@@ -181,7 +181,8 @@ class Algorithm(ABC, Generic[ConfigT]):
             total_episodes: Episodes.
             total_updates: Updates.
             until_solved: Stop when ``check_solved`` says so.
-            callback: Called after each update with the algorithm and its metrics; False stops.
+            callback: Called after each update with the algorithm and its metrics. It stops the training by returning
+                something false other than None: False, NumPy's False or 0.
 
         Raises:
             ValueError: If nothing would ever stop it.
@@ -199,7 +200,7 @@ class Algorithm(ABC, Generic[ConfigT]):
                 metrics = self.update()
                 if until_solved:
                     self.solved = self.check_solved()
-                if callback is not None and callback(self, metrics) is False:
+                if callback is not None and (answer := callback(self, metrics)) is not None and not answer:
                     break
         return self
 

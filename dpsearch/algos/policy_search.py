@@ -25,6 +25,7 @@ from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig
 from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts, Search
+from dpsearch.search.restarts import RULES
 
 SEARCH = 5  # purpose of the seed's stream that the search draws from; see those in ``base``
 CHOICES = ("auto", "best", "mean")
@@ -114,6 +115,7 @@ class PolicySearch(Algorithm[ConfigT]):
         if not config.restarts:
             return self.search_type(x0, config.sigma0, seed=key, **options)
         spread = max(config.start_std / config.sigma0, 1.0)
+        options = {**dict.fromkeys(RULES), **options}  # of a solved task, all candidates may have the same return
         return Restarts(self.search_type, x0, config.sigma0, spread=spread, seed=key, **options)
 
     @property

@@ -1,4 +1,4 @@
-"""What every black-box search offers: ask for points, tell their fitness, and see how it stands.
+"""Search: the interface of every black-box search: ask for points, tell their fitness, see why to stop.
 
 ::
 
@@ -26,10 +26,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
+from dpsearch.search.arguments import accepted_by, array, number, refuse_unknown, shown, whole
+from dpsearch.search.standstill import Standstill
+
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-WIDEST = 1e100  # a standard deviation beyond which numbers soon overflow
+WIDEST = 1e100  # a standard deviation beyond which numbers soon overflow, and below 1 / WIDEST underflow
 
 
 @dataclass(frozen=True)
@@ -79,16 +82,23 @@ class Search(ABC):
 
     Args:
         x0: ``(d,)``, where to begin.
-        sigma0: Initial standard deviation, positive: one number, or ``(d,)`` of them.
+        sigma0: Initial standard deviation, from 1e-100 to 1e100: one number, or ``(d,)`` of them.
         population: Points of a generation; the algorithm's own choice if None.
-        seed: Of everything random, in [0, 2**64); drawn from the system if None.
+        seed: Seed of everything random, in [0, 2**64); drawn from the system if None.
         target: Stop when this fitness is reached.
-        max_evaluations: Stop after so many fitness values.
+        max_evaluations: Stop after the generation with which so many fitness values are told.
         tolx: Stop when all standard deviations are below this part of their initial values.
         patience: Stop when so many evaluations in a row brought no better fitness.
+        tolfun: Stop when the fitness of several generations differs by no more than this, or by rounding only (then
+            0 is enough); None for no such rule. A needle in a haystack takes longer than that to be found.
+        stagnation: Stop when neither the best fitness nor the median or mean of many values got better for so many
+            populations' worth of evaluations, nor for a third of the run; None for no such rule.
+        max_condition: Stop when the factor of the covariance has a larger condition number, axes measured in units of
+            ``sigma0``; None for no such rule.
 
     Raises:
-        ValueError: If one of these is out of range.
+        TypeError: If an argument is unknown.
+        ValueError: If an argument is out of range.
     """
 
     name: ClassVar[str]
@@ -102,6 +112,11 @@ class Search(ABC):
         "_best_x",
     )
 
+    def __new__(cls, *args: Any, **options: Any) -> Self:
+        """Refuse unknown arguments, wherever in the chain of constructors they would end up."""
+        cls._check_names(options)
+        return super().__new__(cls)
+
     def __init__(
         self,
         x0: ArrayLike,
@@ -113,38 +128,38 @@ class Search(ABC):
         max_evaluations: int | None = None,
         tolx: float = 1e-14,
         patience: int | None = None,
+        tolfun: float | None = None,
+        stagnation: int | None = None,
+        max_condition: float | None = None,
     ) -> None:
-        self.x0 = np.array(x0, np.float64)
-        self.sigma0 = np.array(sigma0, np.float64)
+        self.x0 = array("x0", x0, "a vector of finite numbers")
         if self.x0.ndim != 1 or self.x0.size == 0 or not np.isfinite(self.x0).all():
-            raise ValueError(f"x0 must be a vector of finite numbers, got {x0!r}")
-        if (
-            self.sigma0.shape not in ((), self.x0.shape)
-            or not np.isfinite(self.sigma0).all()
-            or (self.sigma0 <= 0).any()
-        ):
-            raise ValueError(
-                f"sigma0 must be a positive number, or one for each of {len(self.x0)} axes, got {sigma0!r}"
-            )
-        if (self.sigma0 > WIDEST).any():
-            raise ValueError(f"sigma0 must be at most {WIDEST:g}, got {sigma0!r}")
-        self.population = self.default_population(len(self.x0)) if population is None else population
-        if not isinstance(self.population, int | np.integer) or self.population < self.least_population:
-            raise ValueError(f"population must be a whole number, at least {self.least_population}, got {population!r}")
-        if target is not None and np.isnan(target):
-            raise ValueError("target must be a number or None, got NaN")
-        if not tolx >= 0.0:
-            raise ValueError(f"tolx must be 0 or more, got {tolx}")
-        if seed is not None and not 0 <= seed < 2**64:
-            raise ValueError(f"seed must be in [0, 2**64), got {seed}")
-        for name, number in (("max_evaluations", max_evaluations), ("patience", patience)):
-            if number is not None and number < 1:
-                raise ValueError(f"{name} must be at least 1, got {number}")
-        self.seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0]) if seed is None else int(seed)
-        self.target = target
-        self.max_evaluations = max_evaluations
-        self.tolx = tolx
-        self.patience = patience
+            raise ValueError(f"x0 must be a vector of finite numbers, got {shown(x0)}")
+        accepted = f"a positive number, or one for each of {len(self.x0)} axes"
+        self.sigma0 = array("sigma0", sigma0, accepted)
+        if self.sigma0.shape not in ((), self.x0.shape) or not (np.isfinite(self.sigma0) & (self.sigma0 > 0)).all():
+            raise ValueError(f"sigma0 must be {accepted}, got {shown(sigma0)}")
+        if (self.sigma0 > WIDEST).any() or (self.sigma0 < 1.0 / WIDEST).any():
+            raise ValueError(f"sigma0 must be from {1.0 / WIDEST:g} to {WIDEST:g}, got {shown(sigma0)}")
+        if population is None:
+            population = self.default_population(len(self.x0))
+        self.population = whole("population", population, self.least_population)
+        self.seed = (
+            int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+            if seed is None
+            else whole("seed", seed, 0, below=2**64)
+        )
+        self.target = None if target is None else number("target", target, "a number or None")
+        self.max_evaluations = None if max_evaluations is None else whole("max_evaluations", max_evaluations, 1)
+        self.tolx = number("tolx", tolx, "0 or more", 0.0)
+        self.patience = None if patience is None else whole("patience", patience, 1)
+        self._standstill = Standstill(
+            None if tolfun is None else number("tolfun", tolfun, "0 or more, or None", 0.0),
+            None if stagnation is None else whole("stagnation", stagnation, 1),
+            None if max_condition is None else number("max_condition", max_condition, "1 or more, or None", 1.0),
+            self.ranked,
+            self.dimension,
+        )
         self.evaluations = 0
         self.generations = 0
         self.invalid = 0
@@ -159,10 +174,26 @@ class Search(ABC):
         """4 + floor(3 ln d), the usual choice of evolution strategies."""
         return 4 + int(3 * np.log(dimension))
 
+    @classmethod
+    def _check_names(cls, options: dict[str, Any]) -> None:
+        """Raise a TypeError that names an unknown argument."""
+        refuse_unknown(cls.__name__, options, accepted_by(cls))
+
     @property
     def dimension(self) -> int:
         """Length d of a point."""
         return len(self.x0)
+
+    @property
+    def ranked(self) -> int:
+        """Number of points that are ranked together: those of a generation."""
+        return self.population
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the covariance's factor, with axes in units of ``sigma0``; here of a diagonal one."""
+        relative = self.stds / self.sigma0
+        return float(relative.max() / relative.min())
 
     @property
     @abstractmethod
@@ -193,21 +224,23 @@ class Search(ABC):
         """Learn from the fitness of the points asked.
 
         Args:
-            points: ``(n, d)``: what ``ask`` gave, or other points in their place (repaired or improved ones).
+            points: ``(n, d)``: those that ``ask`` gave, or other points in their place (repaired or improved ones).
+                Of a point that was not asked, only the direction counts where it lies further from the mean than the
+                search distribution would have drawn it: one far point must not decide on a whole generation.
             fitness: ``(n,)``, more is better. NaN and infinities count as the worst of all.
 
         Raises:
-            ValueError: If the shapes are not those of the points asked, or a point is not finite.
+            ValueError: If something is no number, a point is not finite, or shapes are not those of the points asked.
             RuntimeError: If nothing was asked.
         """
         if self._asked is None:
             raise RuntimeError("tell() needs points that were asked: call ask() first")
-        told, values = np.array(points, np.float64), np.array(fitness, np.float64)
+        told, values = array("points", points, "numbers"), array("fitness", fitness, "numbers")
         if told.shape != self._asked.shape or values.shape != told.shape[:1]:
             expected = f"points {self._asked.shape} and fitness {self._asked.shape[:1]}"
             raise ValueError(f"tell() expects {expected}, got {told.shape} and {values.shape}")
         if not np.isfinite(told).all():
-            raise ValueError("a point told has a NaN or infinite coordinate")
+            raise ValueError("points must be finite: a point told has a NaN or infinite coordinate")
         valid = np.isfinite(values)
         if not valid.all():
             if self.invalid == 0:
@@ -227,26 +260,35 @@ class Search(ABC):
         self.evaluations += len(fitness)
         self.generations += 1
         self._asked = None
+        rules = self._standstill
+        if rules.active and rules.observe(fitness) and rules.max_condition is not None:
+            rules.condition = self.condition
 
     def stop(self) -> dict[str, Any]:
         """Why to stop, reason -> value; empty to go on.
 
-        ``target``: that fitness is reached. ``max_evaluations``: that many values were told. ``tolx``: the search
-        distribution has shrunk to a point. ``diverged``: it has grown beyond all bounds.
-        ``patience``: no better fitness for so many evaluations.
+        ``target``: that fitness is reached. ``max_evaluations``: that many values were told.
+        ``tolx``: the search distribution has shrunk to a point. ``diverged``: it has grown beyond all bounds.
+        ``no_effect``: a standard deviation added to the mean is lost in rounding, in each coordinate.
+        ``patience``: no better fitness for so many evaluations. And where these rules are asked for: ``flat``
+        (``tolfun``): all fitness is equal; ``stagnation``: no progress; ``condition``: too stretched a distribution.
         """
         reasons: dict[str, Any] = {}
         if self.target is not None and self._best >= self.target:
             reasons["target"] = self._best
         if self.max_evaluations is not None and self.evaluations >= self.max_evaluations:
             reasons["max_evaluations"] = self.evaluations
-        if self.generations and (widest := float((self.stds / self.sigma0).max())) < self.tolx:
-            reasons["tolx"] = widest
-        if self.generations and (widest := float(self.stds.max())) > WIDEST:
-            reasons["diverged"] = widest
+        if self.generations:
+            mean, stds = self.mean, self.stds
+            if (widest := float((stds / self.sigma0).max())) < self.tolx:
+                reasons["tolx"] = widest
+            if (widest := float(stds.max())) > WIDEST:
+                reasons["diverged"] = widest
+            if (mean + stds == mean).all():
+                reasons["no_effect"] = widest
         if self.patience is not None and (vain := self.evaluations - self._best_evaluation) >= self.patience:
             reasons["patience"] = vain
-        return reasons
+        return reasons | (self._standstill.reasons(self._best_evaluation) if self._standstill.active else {})
 
     @property
     def best(self) -> Best:
@@ -258,14 +300,13 @@ class Search(ABC):
         """How the search stands."""
         return Result(self.best, self.evaluations, self.generations, self.invalid, self.mean, self.stds, self.stop())
 
-    def maximize(
-        self, f: Callable[[Vector], float], *, callback: Callable[[Self], bool | None] | None = None
-    ) -> Result:
+    def maximize(self, f: Callable[[Vector], float], *, callback: Callable[[Self], object] | None = None) -> Result:
         """Ask and tell until ``stop()`` says why.
 
         Args:
-            f: The fitness of one point ``(d,)``.
-            callback: Called with the search after each generation; False stops.
+            f: The fitness of one point ``(d,)``, a copy: f may write into it.
+            callback: Called with the search after each generation. It stops the search by returning something false
+                other than None: False, NumPy's False or 0.
 
         Raises:
             ValueError: If neither target, max_evaluations nor callback is given: on a flat or unbounded fitness
@@ -275,15 +316,16 @@ class Search(ABC):
             raise ValueError("maximize() needs a target, max_evaluations or a callback")
         while not self.stop():
             points = self.ask()
-            self.tell(points, np.fromiter((f(x) for x in points), np.float64, len(points)))
-            if callback is not None and callback(self) is False:
+            self.tell(points, np.fromiter((f(x) for x in points.copy()), np.float64, len(points)))
+            if callback is not None and (answer := callback(self)) is not None and not answer:
                 break
         return self.result
 
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of the search depends on: numbers and arrays."""
         state = {name.strip("_"): getattr(self, name) for name in self._saved}
-        return copy.deepcopy(state) | {"seed": self.seed, "dimension": self.dimension, "name": self.name}
+        own = {"seed": self.seed, "dimension": self.dimension, "name": self.name}
+        return copy.deepcopy(state) | own | {"standstill": self._standstill.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on exactly where ``state_dict`` was taken, from a search that was made with the same arguments.
@@ -299,6 +341,7 @@ class Search(ABC):
                 f"the state is of dimension {state['dimension']}, this search of dimension {self.dimension}"
             )
         loaded = {name: state[name.strip("_")] for name in (*self._saved, "seed")}
+        self._standstill.load_state_dict(state["standstill"])
         for name, value in loaded.items():
             mine = getattr(self, name)
             setattr(self, name, np.array(value, np.float64) if isinstance(mine, np.ndarray) else copy.deepcopy(value))
@@ -334,10 +377,3 @@ def _libraries() -> ThreadpoolController:
     """The linear algebra libraries that are loaded, looked up once: it takes a few milliseconds."""
     libraries: ThreadpoolController = ThreadpoolController().select(user_api="blas")
     return libraries
-
-
-def check_positive(**values: float) -> None:
-    """Raise a ValueError that names the first value that is not positive and finite."""
-    for name, value in values.items():
-        if not 0.0 < value < np.inf:
-            raise ValueError(f"{name} must be positive and finite, got {value}")

@@ -13,17 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dpsearch.search.arguments import shown
 from dpsearch.search.base import Matrix, Search, Vector, one_blas_thread
+from dpsearch.search.injection import offsets, scales, which
 
 OURS = frozenset({"popsize", "seed", "randn", "CMA_stds"})
+LARGEST_COST = 1e150  # whose square is still a number
 QUIET = {"verbose": -9, "verb_log": 0, "signals_filename": "", "seed": np.nan}
 
 
 class CMAES(Search):
     """CMA-ES; ask, tell and all else as in ``Search``.
 
-    What the package keeps cannot be saved without executing what is loaded, so the state is the list of all that was
-    told, and ``load_state_dict`` tells it once more: exact, and about as fast as the search itself.
+    The package's own state cannot be saved without executing code when it is loaded. So ``state_dict`` lists all
+    fitness told, and ``load_state_dict`` tells it once more: exact, and about as fast as the search itself.
 
     Args:
         x0: ``(d,)``, the initial mean.
@@ -45,15 +48,20 @@ class CMAES(Search):
         self, x0: ArrayLike, sigma0: ArrayLike, *, cma_options: dict[str, Any] | None = None, **options: Any
     ) -> None:
         super().__init__(x0, sigma0, **options)
+        if cma_options is not None and not isinstance(cma_options, dict):
+            raise ValueError(f"cma_options must be a dictionary or None, got {shown(cma_options)}")
         taken = OURS & (cma_options or {}).keys()
         if taken:
             raise ValueError(f"cma_options must leave {', '.join(sorted(taken))} to the arguments of CMAES")
-        self._told = np.zeros(0)  # the fitness of all generations, one after another
+        self._fitness: list[Vector] = []  # of all generations: told once more when a state is loaded
         self._replaced: dict[int, Matrix] = {}  # generation -> points told in place of those asked
         step = float(self.sigma0.max())
         settings = {"popsize": self.population, "CMA_stds": np.broadcast_to(self.sigma0 / step, self.x0.shape).copy()}
         self._settings = (self.x0, step, {**QUIET, **settings, "randn": self._randn, **(cma_options or {})})
-        self._begin()
+        try:
+            self._begin()
+        except ValueError as error:
+            raise ValueError(f"cma_options must be options of cma: {str(error).splitlines()[0]}") from error
 
     @property
     def mean(self) -> Vector:
@@ -78,8 +86,17 @@ class CMAES(Search):
         with one_blas_thread():
             for fitness in told:
                 asked = self._propose()
-                self._tell(self._replaced.get(self.generations, asked), fitness)
+                self._tell(self._replaced.get(self.generations, asked), asked, fitness)
                 self.generations += 1
+
+    @property
+    def _told(self) -> Vector:
+        """All fitness told, one generation after another, as it is saved."""
+        return np.concatenate([np.zeros(0), *self._fitness])
+
+    @_told.setter
+    def _told(self, fitness: Vector) -> None:
+        self._fitness = [fitness]
 
     def _begin(self) -> None:
         self._random = self._generator()
@@ -90,15 +107,32 @@ class CMAES(Search):
         return np.array(self.es.ask())
 
     def _learn(self, points: Matrix, fitness: Vector) -> None:
-        if not np.array_equal(points, self.ask()):
+        asked = self.ask()
+        if not np.array_equal(points, asked):
             self._replaced[self.generations] = points
-        self._told = np.append(self._told, fitness)
-        self._tell(points, fitness)
+        self._fitness.append(fitness)
+        self._tell(points, asked, fitness)
 
-    def _tell(self, points: Matrix, fitness: Vector) -> None:
-        finite = fitness[np.isfinite(fitness)]
-        worst = -finite.min() + 1.0 if len(finite) else 0.0  # infinite costs upset its bookkeeping
-        self.es.tell(list(points), np.where(np.isfinite(fitness), -fitness, worst).tolist())
+    def _tell(self, points: Matrix, asked: Matrix, fitness: Vector) -> None:
+        costs = -np.clip(fitness, -LARGEST_COST, LARGEST_COST)
+        valid = np.isfinite(fitness)
+        worst = costs[valid].max() if valid.any() else 0.0
+        costs[~valid] = max(worst + 1.0, np.nextafter(worst, np.inf))  # infinite costs upset its bookkeeping
+        with warnings.catch_warnings(), np.errstate(over="ignore"):
+            warnings.simplefilter("ignore")  # it expects the points that it has asked
+            self.es.tell(list(self._shortened(points, asked)), costs.tolist())
+
+    def _shortened(self, points: Matrix, asked: Matrix) -> Matrix:
+        """Points as they are if they were asked or are near, else moved towards the mean; see ``injection``."""
+        others = which(points, asked) < 0
+        if not others.any():
+            return points
+        mean = self.mean
+        away, units = offsets(points[others], mean)
+        scale = scales(np.array([[self.es.mahalanobis_norm(y)] for y in away]), units, self.dimension)
+        nearer = points.copy()
+        nearer[others] = np.where(scale < units, mean + away * scale, points[others])
+        return nearer
 
     def _randn(self, *shape: int) -> Matrix:
         return self._random.standard_normal(shape)

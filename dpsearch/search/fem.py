@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dpsearch.search.base import Matrix, Vector, check_positive
+from dpsearch.search.arguments import flag, fraction, one_of, positive, shown, whole
+from dpsearch.search.base import Matrix, Vector
 from dpsearch.search.gaussian import GaussianSearch
 from dpsearch.search.shaping import top_linear
 
@@ -84,44 +85,40 @@ class FEM(GaussianSearch):
         population: int | None = None,
         **options: Any,
     ) -> None:
-        if covariance not in COVARIANCES:
-            raise ValueError(f"covariance must be one of {', '.join(COVARIANCES)}, got {covariance!r}")
+        self.online = flag("online", online)
         if online and (population is not None or options.get("importance_mixing")):
             raise ValueError(
                 "population and importance_mixing are for batches (online=False); online there is a window"
             )
-        diagonal = covariance == "diagonal"
-        if not online and population is None:
-            population = 15 * np.size(x0)
-        super().__init__(x0, sigma0, population=1 if online else population, diagonal=diagonal, **options)
-        self.online = online
-        self.forget_factor = (0.2 if online else 0.5) if forget_factor is None else forget_factor
-        if covariance_forget_factor is None:
-            slow = min(0.5 / self.dimension, self.forget_factor)
-            self.covariance_forget_factor = slow if online else self.forget_factor
-        else:
-            self.covariance_forget_factor = covariance_forget_factor
-        self.centre = centre
-        if centre not in CENTRES:
-            raise ValueError(f"centre must be one of {', '.join(CENTRES)}, got {centre!r}")
-        self.window = 25 if window is None else window
-        self.elitist = elitist
-        self.expansion = expansion
-        if self.window < 1:
-            raise ValueError(f"window must be at least 1, got {window}")
-        ranked = self.window if online else self.population
-        self.top = (min(5, ranked) if online else ranked // 2) if top is None else top
-        if not 0.0 < self.forget_factor <= 1.0:
-            raise ValueError(f"forget_factor must be in (0, 1], got {forget_factor}")
-        if not 0.0 < self.covariance_forget_factor <= 1.0 or (online and self.covariance_forget_factor == 1.0):
-            accepted = "in (0, 1)" if online else "in (0, 1]"
-            raise ValueError(f"covariance_forget_factor must be {accepted}, got {self.covariance_forget_factor}")
-        if not 1 <= self.top <= ranked:
-            raise ValueError(f"top must be from 1 to {ranked}, the number of samples that are ranked, got {self.top}")
-        check_positive(expansion=expansion)
+        if not online:
+            population = 15 * np.size(x0) if population is None else whole("population", population, 2)
+        self.diagonal = one_of("covariance", covariance, COVARIANCES) == "diagonal"
+        self.window = 25 if window is None else whole("window", window, 1)
+        super().__init__(x0, sigma0, population=1 if online else population, **options)
+        usual = 0.2 if online else 0.5
+        self.forget_factor = usual if forget_factor is None else fraction("forget_factor", forget_factor)
+        slow = min(0.5 / self.dimension, self.forget_factor) if online else self.forget_factor
+        self.covariance_forget_factor = fraction(
+            "covariance_forget_factor",
+            slow if covariance_forget_factor is None else covariance_forget_factor,
+            one=not online,
+        )
+        self.centre = one_of("centre", centre, CENTRES)
+        self.elitist = flag("elitist", elitist)
+        self.expansion = positive("expansion", expansion)
+        usual_top = min(5, self.ranked) if online else self.ranked // 2
+        self.top = usual_top if top is None else whole("top", top, 1)
+        if self.top > self.ranked:
+            samples = f"{self.ranked}, the number of samples that are ranked"
+            raise ValueError(f"top must be from 1 to {samples}, got {shown(top)}")
         self.repairs = 0
-        self._unchanged = np.ones(self.dimension) if diagonal else np.eye(self.dimension)
+        self._unchanged = np.ones(self.dimension) if self.diagonal else np.eye(self.dimension)
         self._window = np.zeros(0)
+
+    @property
+    def ranked(self) -> int:
+        """Number of samples that are ranked together: the window, or in batches the population."""
+        return self.window if self.online else self.population
 
     def _step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
         return self._sample_step(local[0], float(fitness[0])) if self.online else self._batch_step(local, fitness)

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
-from dpsearch.search.base import Matrix, Vector, check_positive
+from dpsearch.search.arguments import one_of, positive
+from dpsearch.search.base import Matrix, Vector
 from dpsearch.search.gaussian import GaussianSearch
 from dpsearch.search.shaping import relative_rank
 from dpsearch.search.xnes import matrix_exponential
@@ -61,14 +62,10 @@ class NES(GaussianSearch):
         importance_mixing: bool = True,
         **options: Any,
     ) -> None:
-        super().__init__(x0, sigma0, importance_mixing=importance_mixing, diagonal=False, **options)
-        check_positive(learning_rate=learning_rate)
-        for name, value, accepted in (("gradient", gradient, GRADIENTS), ("update", update, UPDATES)):
-            if value not in accepted:
-                raise ValueError(f"{name} must be one of {', '.join(accepted)}, got {value!r}")
-        self.learning_rate = learning_rate
-        self.gradient = gradient
-        self.update = update
+        super().__init__(x0, sigma0, importance_mixing=importance_mixing, **options)
+        self.learning_rate = positive("learning_rate", learning_rate)
+        self.gradient = one_of("gradient", gradient, GRADIENTS)
+        self.update = one_of("update", update, UPDATES)
 
     @staticmethod
     def default_population(dimension: int) -> int:

@@ -1,37 +1,52 @@
-"""Begin again elsewhere when a search is stuck: for multimodal fitness, and for algorithms that may converge early."""
+"""Restarts: begin again elsewhere when a search is stuck, for multimodal fitness and early convergence.
+
+The one thing to understand: a run must end for certain, or nothing begins again. Where the best fitness is not 0 the
+search distribution never shrinks to a point, as fitness is flat by rounding long before; so each run has all of the
+rules of ``Search`` (``RULES``) unless told otherwise.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dpsearch.search.arguments import accepted_by, number, refuse_unknown, shown, whole
 from dpsearch.search.base import Matrix, Search, Vector
 
 LIMITS = frozenset({"target", "max_evaluations"})  # reasons that stop all of the search
+RULES = {"tolfun": 0.0, "stagnation": 120, "max_condition": 1e14}
+"""When a run is stuck, unless its options say otherwise; those of None switch a rule off."""
+LARGEST_GROWTH = 512  # of a population, over all runs
+LEAST_GENERATIONS = 10  # that a grown population must be able to have within the budget
 
 
 class Restarts(Search):
     """Runs of one kind of search, one after another; each begins when the one before has a reason to stop.
 
     Args:
-        search_type: Whose runs.
-        x0: ``(d,)``, where the first one begins.
-        sigma0: Initial standard deviation of each: one number, or ``(d,)`` of them.
+        search_type: Class of the runs.
+        x0: ``(d,)``, where the first run begins.
+        sigma0: Initial standard deviation of each run: one number, or ``(d,)`` of them.
         spread: Each later run begins at x0 plus a Gaussian of this many times ``sigma0``.
-        growth: Each later run has a population this many times larger.
-        population: Points of a generation of the first run; its own choice if None.
-        seed: Of everything random; drawn from the system if None.
+        growth: Each later run has a population this many times larger, up to 512 times the first, and to a tenth of
+            the evaluations that are left.
+        population: Points of a generation of the first run; the search's own choice if None.
+        seed: Seed of everything random; drawn from the system if None.
         target: Stop when this fitness is reached.
-        max_evaluations: Stop after so many fitness values, of all runs together.
-        **options: Of each run.
+        max_evaluations: Stop after exactly so many fitness values, of all runs together: the last generation may be
+            cut short.
+        **options: Options of each run; ``tolfun``, ``stagnation`` and ``max_condition`` are as in ``RULES`` if not
+            given.
 
     Attributes:
         run: The search under way.
-        runs: How many have begun.
+        runs: Number of runs begun.
 
     Raises:
+        TypeError: If an argument is unknown to the search and to its runs.
         ValueError: If an argument is out of range.
     """
 
@@ -52,18 +67,26 @@ class Restarts(Search):
         max_evaluations: int | None = None,
         **options: Any,
     ) -> None:
-        if not (0.0 <= spread < np.inf and 1.0 <= growth < np.inf):
-            raise ValueError(f"spread must be at least 0 and growth at least 1, got {spread} and {growth}")
+        if not isinstance(search_type, type) or not issubclass(search_type, Search) or search_type is Restarts:
+            raise ValueError(f"search_type must be a class of searches, such as XNES, got {shown(search_type)}")
+        accepted = dict.fromkeys([*accepted_by(Restarts)[1:], *accepted_by(search_type)])
+        refuse_unknown(f"Restarts of {search_type.__name__}", options, accepted)
         super().__init__(x0, sigma0, population=2, seed=seed, target=target, max_evaluations=max_evaluations)
+        self.spread = number("spread", spread, "at least 0 and finite", 0.0, math.inf)
+        self.growth = number("growth", growth, "at least 1 and finite", 1.0, math.inf)
         self._type = search_type
-        self._options = options if population is None else {**options, "population": population}
-        self.spread = spread
-        self.growth = growth
+        self._options = {**RULES, **options}
+        if population is not None:
+            self._options["population"] = whole("population", population, search_type.least_population)
         self.runs = 0
         self.run = self._next()
         self.population = self.run.population
-        if growth > 1.0:  # a search that takes no population says so now, not after the first run
-            search_type(self.x0, self.sigma0, **{**options, "population": self.population})
+        if self.growth > 1.0:  # a search that takes no population says so now, not after the first run
+            search_type(self.x0, self.sigma0, **{**self._options, "population": self.population})
+
+    @classmethod
+    def _check_names(cls, options: dict[str, Any]) -> None:
+        """Leave it to the constructor, which knows the runs' arguments too."""
 
     @property
     def mean(self) -> Vector:
@@ -72,7 +95,7 @@ class Restarts(Search):
 
     @property
     def stds(self) -> Vector:
-        """``(d,)``: its standard deviations along the axes."""
+        """``(d,)``: the standard deviations of the run under way, along the axes."""
         return self.run.stds
 
     def stop(self) -> dict[str, Any]:
@@ -98,14 +121,26 @@ class Restarts(Search):
         if self.runs > 0:
             x0 = x0 + self.spread * self.sigma0 * generator.standard_normal(self.dimension)
             if self.growth > 1.0:
-                options = {**options, "population": round(self.population * self.growth**self.runs)}
+                options = {**options, "population": self._grown()}
         self.runs += 1
         return self._type(x0, self.sigma0, seed=seed, **options)
 
+    def _grown(self) -> int:
+        """The population of run number ``runs``."""
+        bounded = self.runs * math.log(self.growth) < math.log(LARGEST_GROWTH)
+        grown = round(self.population * (self.growth**self.runs if bounded else LARGEST_GROWTH))
+        if self.max_evaluations is not None:
+            grown = min(grown, (self.max_evaluations - self.evaluations) // LEAST_GENERATIONS)
+        return max(grown, self.population)
+
     def _propose(self) -> Matrix:
-        return self.run.ask()
+        points = self.run.ask()
+        left = len(points) if self.max_evaluations is None else self.max_evaluations - self.evaluations
+        return points[:left] if left > 0 else points
 
     def _learn(self, points: Matrix, fitness: Vector) -> None:
+        if len(points) < len(self.run.ask()):  # the budget is used up: there is no next generation to learn for
+            return
         self.run._take(points, fitness)
         if self.run.stop():
             self.run = self._next()

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dpsearch.search.base import Matrix, Vector, check_positive
+from dpsearch.search.arguments import positive
+from dpsearch.search.base import Matrix, Vector
 from dpsearch.search.gaussian import GaussianSearch
 from dpsearch.search.shaping import log_rank
+from dpsearch.search.xnes import LARGEST_EXPONENT
 
 
 class SNES(GaussianSearch):
@@ -31,6 +33,7 @@ class SNES(GaussianSearch):
     """
 
     name = "snes"
+    diagonal = True
 
     def __init__(
         self,
@@ -41,16 +44,16 @@ class SNES(GaussianSearch):
         sigma_learning_rate: float | None = None,
         **options: Any,
     ) -> None:
-        super().__init__(x0, sigma0, diagonal=True, **options)
+        super().__init__(x0, sigma0, **options)
         d = self.dimension
-        self.learning_rate = learning_rate
+        usual = float((3 + np.log(d)) / (5 * np.sqrt(d)))
+        self.learning_rate = positive("learning_rate", learning_rate)
         self.sigma_learning_rate = (
-            (3 + np.log(d)) / (5 * np.sqrt(d)) if sigma_learning_rate is None else sigma_learning_rate
+            usual if sigma_learning_rate is None else positive("sigma_learning_rate", sigma_learning_rate)
         )
-        check_positive(learning_rate=self.learning_rate, sigma_learning_rate=self.sigma_learning_rate)
 
     def _step(self, local: Matrix, fitness: Vector) -> tuple[Vector, Matrix]:
         utilities = log_rank(fitness)
         shift = self.learning_rate * (utilities @ local)
-        stretch = np.exp(0.5 * self.sigma_learning_rate * (utilities @ (local**2 - 1.0)))
-        return shift, stretch
+        exponent = 0.5 * self.sigma_learning_rate * (utilities @ (local**2 - 1.0))
+        return shift, np.exp(np.clip(exponent, -LARGEST_EXPONENT, LARGEST_EXPONENT))

@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
-from dpsearch.search.base import Matrix, Vector, check_positive
+from dpsearch.search.arguments import flag, positive
+from dpsearch.search.base import Matrix, Vector
 from dpsearch.search.gaussian import GaussianSearch
 from dpsearch.search.shaping import log_rank
 
 DECAY = 0.1  # how fast adaptation sampling changes the learning rate, c' in the paper
+LARGEST_EXPONENT = 3.0  # twentyfold in a generation: beyond lies only what comes of points that were not drawn
 BOLDNESS = 1.5  # how much larger a learning rate it tries in thought
 
 
@@ -52,20 +54,19 @@ class XNES(GaussianSearch):
         adaptation_sampling: bool = False,
         **options: Any,
     ) -> None:
-        super().__init__(x0, sigma0, diagonal=False, **options)
+        super().__init__(x0, sigma0, **options)
         d = self.dimension
-        usual = (9 + 3 * np.log(d)) / (5 * d * np.sqrt(d))
-        self.learning_rate = learning_rate
-        self.sigma_learning_rate = float(usual if sigma_learning_rate is None else sigma_learning_rate)
-        self.shape_learning_rate = float(
-            self.sigma_learning_rate if shape_learning_rate is None else shape_learning_rate
+        usual = float((9 + 3 * np.log(d)) / (5 * d * np.sqrt(d)))
+        self.learning_rate = positive("learning_rate", learning_rate)
+        self.sigma_learning_rate = (
+            usual if sigma_learning_rate is None else positive("sigma_learning_rate", sigma_learning_rate)
         )
-        check_positive(
-            learning_rate=learning_rate,
-            sigma_learning_rate=self.sigma_learning_rate,
-            shape_learning_rate=self.shape_learning_rate,
+        self.shape_learning_rate = (
+            self.sigma_learning_rate
+            if shape_learning_rate is None
+            else positive("shape_learning_rate", shape_learning_rate)
         )
-        self.adaptation_sampling = adaptation_sampling
+        self.adaptation_sampling = flag("adaptation_sampling", adaptation_sampling)
         self._least_rate = self.sigma_learning_rate
         self._boldness = 0.0  # logarithm of how much wider the distribution would be had its last step been bolder
 
@@ -110,8 +111,7 @@ def mann_whitney(fitness: Vector, weights: Vector) -> float:
 def matrix_exponential(symmetric: Matrix) -> Matrix:
     """Exp of a symmetric matrix: symmetric and positive definite.
 
-    Eigenvalues are taken to [-3, 3], twentyfold in one generation: they lie beyond only if points were told that the
-    distribution would never have drawn, and then one step could overflow.
+    Its eigenvalues are limited to +-``LARGEST_EXPONENT``.
     """
     values, vectors = np.linalg.eigh(symmetric)
-    return np.asarray((vectors * np.exp(np.clip(values, -3.0, 3.0))) @ vectors.T)
+    return np.asarray((vectors * np.exp(np.clip(values, -LARGEST_EXPONENT, LARGEST_EXPONENT))) @ vectors.T)

@@ -52,6 +52,12 @@ def test_learning_stops_at_each_kind_of_limit() -> None:
     assert make().learn(callback=lambda algorithm, _: algorithm.updates < 4).updates == 4
 
 
+@pytest.mark.parametrize("answer", [False, np.False_, 0])
+def test_a_callback_stops_by_anything_false_but_none(answer: object) -> None:
+    assert make().learn(total_updates=3, callback=lambda *_: answer).updates == 1
+    assert make().learn(total_updates=3, callback=lambda *_: None).updates == 3
+
+
 def test_learning_goes_on_from_where_it_stopped() -> None:
     once, twice = make(), make()
     once.learn(total_updates=6)

@@ -72,23 +72,66 @@ def test_points_told_in_place_of_those_asked_are_what_is_learned_from(name: str)
         ("sigma0", {"sigma0": [1.0, 0.0]}),
         ("sigma0", {"sigma0": [1.0, 1.0, 1.0]}),
         ("seed", {"seed": -1}),
+        ("x0", {"x0": "ab"}),
+        ("x0", {"x0": None}),
+        ("x0", {"x0": [1.0, [2.0]]}),
+        ("x0", {"x0": [1j, 0.0]}),
+        ("x0", {"x0": np.zeros((50, 50))}),
+        ("sigma0", {"sigma0": "wide"}),
+        ("sigma0", {"sigma0": 1e-200}),
+        ("sigma0", {"sigma0": 1e200}),
         ("seed", {"seed": 2**64}),
+        ("seed", {"seed": True}),
+        ("seed", {"seed": 1.5}),
+        ("seed", {"seed": "1"}),
         ("max_evaluations", {"max_evaluations": 0}),
+        ("max_evaluations", {"max_evaluations": 10.5}),
+        ("max_evaluations", {"max_evaluations": np.inf}),
+        ("max_evaluations", {"max_evaluations": np.True_}),
+        ("target", {"target": "high"}),
     ],
 )
 def test_an_argument_out_of_range_is_named(make: Maker, argument: str, arguments: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=argument):
+    with pytest.raises(ValueError, match=rf"^{argument} must [^\n]*$"):
         make(**{"x0": np.zeros(2), "sigma0": 1.0, **arguments})
 
 
 @pytest.mark.parametrize("name", ["nes", "xnes", "snes", "fem-batch", "cmaes"])
 def test_a_population_or_patience_too_small_is_named(name: str) -> None:
     make = TYPES[name.removesuffix("-batch")]
-    least, options = (0, {"online": False, "top": 1}) if name == "fem-batch" else (1, {})
-    with pytest.raises(ValueError, match=f"population must be a whole number, at least {least + 1}, got {least}"):
-        make(np.zeros(2), 1.0, population=least, **options)
-    with pytest.raises(ValueError, match="patience must be at least 1, got 0"):
+    options: dict[str, Any] = {"online": False} if name == "fem-batch" else {}
+    with pytest.raises(ValueError, match=r"^population must be a whole number, at least 2, got 1$"):
+        make(np.zeros(2), 1.0, population=1, **options)
+    with pytest.raises(ValueError, match=r"^patience must be a whole number, at least 1, got 0$"):
         make(np.zeros(2), 1.0, patience=0)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"seed": np.int64(7), "max_evaluations": np.int32(30)}, {"seed": 7, "max_evaluations": 30}),
+        ({"seed": np.array(7), "max_evaluations": 1e2, "target": np.float32(0.5)}, {"seed": 7, "target": 0.5}),
+        ({"tolx": np.float64(1e-3)}, {"tolx": 1e-3}),
+    ],
+)
+def test_numbers_of_numpy_become_pythons_own(options: dict[str, Any], expected: dict[str, Any]) -> None:
+    search = XNES(np.zeros(2, np.float32), np.float64(1.0), **options)
+    for name, value in expected.items():
+        assert getattr(search, name) == value
+        assert type(getattr(search, name)) in (int, float)
+
+
+@pytest.mark.parametrize("name", sorted(set(SEARCHES) - {"restarts"}))
+@pytest.mark.parametrize(("argument", "hint"), [("popsize", " (here it is called population)"), ("bounds", "")])
+def test_an_unknown_argument_is_named_with_those_that_there_are(name: str, argument: str, hint: str) -> None:
+    make: Any = SEARCHES[name]
+    kind = getattr(make, "func", make).__name__
+    with pytest.raises(TypeError) as error:
+        make(np.zeros(2), 1.0, **{argument: 5})
+    message = str(error.value)
+    assert message.startswith(f"{argument} is not an argument of {kind}{hint}; it accepts x0, sigma0, ")
+    assert "population" in message
+    assert "\n" not in message
 
 
 def test_the_ends_of_the_range_of_seeds_work(make: Maker) -> None:
@@ -250,6 +293,35 @@ def test_a_callback_stops(make: Maker) -> None:
     result = make(np.ones(3), 0.5, seed=0).maximize(lambda x: -float(x @ x), callback=callback)
     assert seen == [1, 2, 3, 4]
     assert result.generations == 4
+
+
+@pytest.mark.parametrize("answer", [False, np.False_, 0, 0.0])
+def test_whatever_is_false_stops_but_none(make: Maker, answer: object) -> None:
+    search = make(np.ones(3), 0.5, seed=0)
+    assert search.maximize(lambda x: 0.0, callback=lambda _: answer).generations == 1
+    endless = make(np.ones(3), 0.5, seed=0, max_evaluations=200)
+    assert "max_evaluations" in endless.maximize(lambda x: -float(x @ x), callback=lambda _: None).stop
+
+
+def test_a_fitness_that_writes_into_its_argument_changes_nothing(make: Maker) -> None:
+    def scribble(x: Any) -> float:
+        value = -valley(x)
+        x[:] = 1e9
+        return value
+
+    tidy, untidy = (make(np.ones(3), 0.5, seed=0, max_evaluations=300) for _ in range(2))
+    first, second = tidy.maximize(lambda x: -valley(x)), untidy.maximize(scribble)
+    np.testing.assert_array_equal(second.mean, first.mean)
+    assert second.best.fitness == first.best.fitness
+    np.testing.assert_array_equal(np.asarray(second.best.x), np.asarray(first.best.x))
+
+
+def test_what_is_no_number_is_not_told(make: Maker) -> None:
+    search = make(np.ones(3), 0.5, seed=0)
+    points = search.ask()
+    for told, fitness, name in ((points, ["high"] * len(points), "fitness"), ("here", points[:, 0], "points")):
+        with pytest.raises(ValueError, match=rf"^{name} must be numbers, got [^\n]*$"):
+            search.tell(told, fitness)
 
 
 def test_maximize_refuses_to_go_on_for_ever(make: Maker) -> None:

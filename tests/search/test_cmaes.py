@@ -100,4 +100,27 @@ def test_an_option_unknown_to_the_package_is_named() -> None:
 def test_random_numbers_asked_for_twice_in_a_generation_differ() -> None:
     search = CMAES(np.ones(3), 0.5, seed=9)
     search.ask()
-    assert (search._randn(1, 3) != search._randn(1, 3)).all()
+    draw = search.es.opts["randn"]
+    assert (draw(1, 3) != draw(1, 3)).all()
+
+
+def test_wrong_options_are_refused_on_one_line() -> None:
+    for options in ({"nonsense": 1}, 3, {"popsize": 5}):
+        with pytest.raises(ValueError, match=r"^cma_options must [^\n]*$"):
+            CMAES(np.ones(3), 0.5, cma_options=options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("level", [1e16, 1e300, -1e300])
+def test_invalid_fitness_is_the_worst_among_large_values_too(level: float) -> None:
+    search, peer = (CMAES(np.ones(3), 0.5, seed=9, population=8) for _ in range(2))
+    fitness = level * (1.0 + np.arange(8.0) / 8)
+    broken = fitness.copy()
+    worst = int(fitness.argmin())
+    broken[worst] = np.nan
+    search.ask()
+    with pytest.warns(UserWarning, match="NaN or infinite"):
+        search.tell(search.ask(), broken)
+    peer.tell(peer.ask(), np.argsort(np.argsort(fitness)).astype(float))
+    if abs(level) < 1e150:  # beyond, all are as good
+        np.testing.assert_array_equal(search.ask(), peer.ask())
+    assert np.isfinite(search.ask()).all()

@@ -194,3 +194,8 @@ def test_the_defaults_suit_every_dimension(d: int) -> None:
     assert FEM(np.zeros(d), 1.0, online=False).top == 15 * d // 2
     assert FEM(np.zeros(d), 1.0).top == 5
     assert FEM(np.zeros(d), 1.0, window=3).top == 3
+
+
+def test_a_batch_of_one_is_refused_as_it_cannot_be_ranked() -> None:
+    with pytest.raises(ValueError, match=r"^population must be a whole number, at least 2, got 1$"):
+        FEM(np.zeros(2), 1.0, online=False, population=1)

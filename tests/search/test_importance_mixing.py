@@ -24,6 +24,7 @@ class Marching(GaussianSearch):
     name = "marching"
 
     def __init__(self, shift: Array, stretch: Array, **options: Any) -> None:
+        self.diagonal = stretch.ndim == 1
         super().__init__(np.zeros(2), 1.0, population=8000, seed=11, importance_mixing=True, **options)
         self.step = shift, stretch
         self.learned: list[Array] = []
@@ -51,7 +52,7 @@ def surprise(population: Array) -> float:
 @pytest.mark.parametrize("diagonal", [False, True])
 def test_importance_mixing_keeps_the_search_distribution(refresh_rate: float, diagonal: bool) -> None:
     stretch = np.array([0.7, 1.2]) if diagonal else STRETCH
-    search = Marching(SHIFT, stretch, refresh_rate=refresh_rate, diagonal=diagonal)
+    search = Marching(SHIFT, stretch, refresh_rate=refresh_rate)
     populations = search.march(6)
     assert [len(p) for p in populations] == [8000] * 6
     assert min(surprise(p) for p in populations) > 1e-4
@@ -137,9 +138,10 @@ def test_points_that_stay_are_the_same_points() -> None:
     search.tell(second, np.arange(8000.0, 8000.0 + len(second)))
     here = search.mean - search.factor @ np.linalg.solve(STRETCH, SHIFT)  # the mean before the last step
     factor = search.factor @ np.linalg.inv(STRETCH)
-    population = here + search._kept_local @ factor.T
+    kept = search.state_dict()
+    population = here + kept["kept_local"] @ factor.T
     np.testing.assert_allclose(population[: len(second)], second, rtol=0, atol=1e-9)
-    stayed = search._kept_fitness[len(second) :].astype(int)  # their fitness is their number
+    stayed = kept["kept_fitness"][len(second) :].astype(int)  # their fitness is their number
     assert len(stayed) == 8000 - len(second)
     np.testing.assert_allclose(population[len(second) :], first[stayed], rtol=0, atol=1e-9)
 

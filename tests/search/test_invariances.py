@@ -72,7 +72,7 @@ def test_units_of_the_axes_do_not_matter(name: str) -> None:
 def test_a_rotation_of_fitness_and_search_distribution_rotates_every_evaluation(name: str) -> None:
     q = rotation(3)
     upright, rotated = (gaussian(ROTATABLE[name], X0, 0.5, seed=4) for _ in range(2))
-    rotated._mean, rotated._factor = q @ X0, q @ rotated._factor  # samples are now those of the other, rotated
+    rotated.load_state_dict({**rotated.state_dict(), "mean": q @ X0, "factor": q @ rotated.factor})
     here = evaluated(upright, generations(name))
     there = evaluated(rotated, generations(name), lambda x: valley(q.T @ x))
     np.testing.assert_allclose(there @ q, here, rtol=0, atol=1e-9)

@@ -65,7 +65,7 @@ def test_the_exponential_update_is_algorithm_41_to_first_order() -> None:
     gaps, moved = [], []
     for alpha in (1e-2, 1e-3):
         search = NES(x, 1.0, importance_mixing=False, learning_rate=alpha, seed=1)
-        search._factor = A.T.copy()
+        search.load_state_dict({**search.state_dict(), "factor": A.T})
         twin = Algorithm41(x, A, alpha)
         z = search.ask()
         costs = np.array([valley(z_k) for z_k in z])

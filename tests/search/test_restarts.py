@@ -89,9 +89,53 @@ def test_without_spread_every_run_begins_at_x0_with_other_samples() -> None:
 def test_limits_are_those_of_all_runs_together() -> None:
     restarts = Restarts(XNES, np.ones(2), 0.5, seed=1, max_evaluations=500, patience=30)
     result = restarts.maximize(lambda x: 0.0)
-    assert list(result.stop) == ["max_evaluations"]
-    assert 500 <= result.evaluations < 506
+    assert result.stop == {"max_evaluations": 500}
+    assert result.evaluations == 500
     assert restarts.runs > 5
+
+
+@pytest.mark.parametrize("search_type", [NES, XNES, FEM, CMAES])
+@pytest.mark.parametrize("budget", [1, 5, 97])
+def test_no_more_points_are_asked_than_the_budget_leaves(search_type: Any, budget: int) -> None:
+    restarts = Restarts(search_type, np.ones(2), 0.5, seed=1, max_evaluations=budget)
+    asked = 0
+    while not restarts.stop():
+        points = restarts.ask()
+        asked += len(points)
+        restarts.tell(points, [-valley(x) for x in points])
+        assert restarts.evaluations == asked <= budget
+    assert asked == budget
+
+
+@pytest.mark.parametrize("growth", [2.0, 1e200])
+def test_growth_has_an_end(growth: float) -> None:
+    restarts = Restarts(XNES, np.ones(2), 0.5, seed=1, growth=growth, patience=60)
+    for _ in range(30):
+        restarts.tell(restarts.ask(), np.zeros(len(restarts.ask())))
+    assert len(restarts.ask()) == 512 * 6
+
+
+def test_growth_leaves_room_for_ten_generations() -> None:
+    restarts = Restarts(XNES, np.ones(2), 0.5, seed=1, growth=2.0, patience=60, max_evaluations=5000)
+    while not restarts.stop():
+        n = len(restarts.ask())
+        assert n <= max(6, (5000 - restarts.evaluations) / 10) or restarts.run.generations > 0
+        restarts.tell(restarts.ask(), np.zeros(n))
+    assert restarts.evaluations == 5000
+
+
+@pytest.mark.parametrize("search_type", ["xnes", XNES(np.ones(2), 1.0), Restarts, int, None])
+def test_what_is_no_class_of_searches_is_refused(search_type: Any) -> None:
+    with pytest.raises(ValueError, match=r"^search_type must be a class of searches, such as XNES, got [^\n]*$"):
+        Restarts(search_type, np.ones(2), 1.0)
+
+
+def test_options_of_the_runs_are_passed_on_and_unknown_ones_named() -> None:
+    restarts = Restarts(NES, np.ones(2), 1.0, learning_rate=0.5, tolfun=None)
+    assert isinstance(restarts.run, NES)
+    assert restarts.run.learning_rate == 0.5
+    with pytest.raises(TypeError, match=r"^bounds is not an argument of Restarts of NES; .*learning_rate"):
+        Restarts(NES, np.ones(2), 1.0, bounds=[0, 1])
 
 
 def test_the_best_is_that_of_all_runs() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import io
+import pickle
 import warnings
 from typing import Any
 
@@ -138,6 +140,19 @@ def test_a_state_is_numbers_and_arrays_that_torch_loads_safely(make: Maker, seed
     heir.load_state_dict(loaded)
     for g in range(8, 14):
         np.testing.assert_array_equal(mixed_generation(search, g), mixed_generation(heir, g))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda search: pickle.loads(pickle.dumps(search))])
+def test_a_copy_in_the_middle_of_a_generation_goes_on_alike(make: Maker, copied: Any) -> None:
+    search = make(np.ones(3), 0.5, seed=7)
+    for g in range(5):
+        mixed_generation(search, g)
+    points = search.ask()
+    twin = copied(search)
+    for s in (search, twin):
+        s.tell(points, [-valley(x) for x in points])
+    for g in range(5, 12):
+        np.testing.assert_array_equal(mixed_generation(search, g), mixed_generation(twin, g))
 
 
 def test_a_state_of_another_kind_of_search_is_refused() -> None:
