@@ -172,6 +172,22 @@ def test_every_experiment_is_a_valid_configuration() -> None:
         composed(f"experiment={path.stem}")
 
 
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ("policy=5", "policy must be settings, got 5"),
+        ("+policy.cor=lstm", r"policy\.cor is not a setting of policy: did you mean core\?"),
+        ("+total_step=1", r"total_step is not a setting: did you mean total_steps\?"),
+        ("env=pomdp", r"env\.path must be given"),
+        ("env.id=Bogus-v0", "cannot make environment 'Bogus-v0': .*"),
+        ("rollout.bogus=1", r"rollout\.bogus is not a setting of rollout: there are threads, .*"),
+    ],
+)
+def test_what_is_no_setting_is_refused_by_its_full_name(overrides: str, message: str) -> None:
+    with pytest.raises(RunError, match=f"^{message}$"):
+        composed(*overrides.split())
+
+
 def test_what_is_no_algorithm_is_refused() -> None:
     with pytest.raises(RunError, match=r"^algo must be one of rpg, .*, got bogus$"):
         completed(DictConfig({}), {"algo": "bogus", "env": "tmaze"})
