@@ -264,12 +264,8 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
     ("arguments", "message"),
     [
         ("bogus=1", "error: bogus is not a setting: there are .*seed"),
-        ("+bogus=1", "error: bogus is not a setting"),
         ("algo.bogus=1", r"error: algo\.bogus is not a setting of algo: there are batch_size, "),
-        (
-            "env.corridor_lenght=1",
-            r"error: env\.corridor_lenght is not a .* env: did you mean corridor_length\?",
-        ),
+        ("env.corridor_lenght=1", r"error: env\.corridor_lenght is .* of env: did you mean corridor_length\?"),
         ("env.corridor_length=long", r"error: env\.corridor_length.*'long'.*Integer"),
         ("seed=1.5", "seed.*Integer"),
         ("algo=bogus", r"algo/bogus.*: rpg: "),
