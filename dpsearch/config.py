@@ -1,25 +1,34 @@
-"""The configuration's schema: dataclasses say which keys there are and of what type, YAML files give the values.
+"""The configuration: dataclasses say which settings there are, of what type, with which default and meaning.
 
-Only what algorithms and policies take has defaults of its own, since they are used without configuration files too.
+Those of an algorithm stand beside it, those of a search or an environment in the signature and the docstring of its
+class, the rest here. YAML files hold what differs from the defaults, by choice of ``algo``, ``env`` and ``experiment``:
 
-An option of a config group is named after its schema: ``configs/env/tmaze.yaml`` is checked against ``ENVS["tmaze"]``.
+::
+
+    compose(overrides)           Hydra: YAML files and overrides, unchecked
+    completed(config, choices)   every setting, with its default and its type
+    checked(config)              objects, in range
+
 Ranges are checked where the values are used, or in ``__post_init__`` here; either way before anything is written.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import hydra
 from hydra.core.config_store import ConfigStore
-from omegaconf import MISSING, DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from dpsearch.algos import ALGORITHMS
 from dpsearch.algos.settings import require
+from dpsearch.options import dataclass_of
 from dpsearch.policies import PolicyConfig
 from dpsearch.pomdp.file_format.reader import read_discount
 from dpsearch.pomdp.file_format.tokens import PomdpFileError
@@ -28,19 +37,23 @@ from dpsearch.runs import EnvRecipe, RunError
 
 @dataclass
 class EnvConfig:
-    """An environment. Keys that a subclass adds are arguments of the environment, unless it says otherwise.
+    """An environment. A subclass adds the arguments of the environment's class.
 
     Attributes:
         id: Gymnasium's id; what precedes a colon is a module to import first.
-        gamma: The task's own discount factor, which algorithms take unless told otherwise.
+        gamma: Discount factor of the task, which algorithms take unless told otherwise.
         max_episode_steps: Step limit of an episode; null leaves it to the environment.
-        reward_threshold: Mean return that counts as solved; null for the registered one.
+        reward_threshold: Mean return that counts as solved; null for the environment's own.
+        arguments: Names of the fields that are arguments of the environment.
+        paths: Names of the arguments that name files.
     """
 
     id: str = MISSING
     gamma: float = MISSING
     max_episode_steps: int | None = None
     reward_threshold: float | None = None
+    arguments: ClassVar[Collection[str]] = ()
+    paths: ClassVar[Collection[str]] = ()
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the key if a value is out of range."""
@@ -49,125 +62,9 @@ class EnvConfig:
 
     def recipe(self) -> EnvRecipe:
         """How to make the environment."""
-        own = {f.name for f in fields(self)} - {"id", "gamma", "reward_threshold"}
-        kwargs = {name: getattr(self, name) for name in sorted(own)}
-        return EnvRecipe(self.id, kwargs, reward_threshold=self.reward_threshold)
-
-
-@dataclass
-class TMazeConfig(EnvConfig):
-    """The T-maze; see ``dpsearch.envs.TMaze``."""
-
-    corridor_length: int = MISSING
-    encoding: str = MISSING
-    wrong_turn_reward: float = MISSING
-
-
-@dataclass
-class PolesConfig(EnvConfig):
-    """Pole balancing, all four tasks; see ``dpsearch.envs.DoublePole``.
-
-    Attributes:
-        reward: "steps", "failure" or "damping".
-        start_state: Numbers, rows of numbers or "generalisation"; null for the usual start.
-        cart_friction: Force in N that brakes a moving cart.
-    """
-
-    reward: str = MISSING
-    start_state: Any = None
-    cart_friction: float = MISSING
-
-
-@dataclass
-class TigerConfig(EnvConfig):
-    """The Tiger problem; see ``dpsearch.envs.Tiger``."""
-
-    single: bool = MISSING
-
-
-@dataclass
-class CheeseMazeConfig(EnvConfig):
-    """The cheese maze; see ``dpsearch.envs.CheeseMaze``."""
-
-    start: str = MISSING
-    bump_reward: float = MISSING
-
-
-@dataclass
-class Maze4x3Config(EnvConfig):
-    """The 4x3 maze; see ``dpsearch.envs.Maze4x3``."""
-
-    minus_ends: bool = MISSING
-    slips: str = MISSING
-    minus_reward: float = MISSING
-
-
-@dataclass
-class DrivingConfig(EnvConfig):
-    """Driving; see ``dpsearch.envs.driving.rules``.
-
-    Attributes:
-        speed_profile: Start and end in km/h (2 to 400) and the seconds between; one speed; null for pedals.
-        observations: Names of what is seen.
-        lookahead: Base (m) and gain (s) of the look-ahead distance.
-        start: "line" or "random".
-        control_hz: Steps a second.
-        stuck_seconds: Time off the road or standing after which an episode is over.
-        reward: What a step on the road pays: speed; progress, the speed along the road; or centred, that times
-            1 - position^2.
-    """
-
-    speed_profile: Any = MISSING
-    observations: list[str] = MISSING
-    lookahead: list[float] = MISSING
-    start: str = MISSING
-    control_hz: float = MISSING
-    stuck_seconds: float = MISSING
-    reward: str = MISSING
-
-
-@dataclass
-class TrackConfig(DrivingConfig):
-    """Driving on a track of our own; see ``dpsearch.envs.Track``.
-
-    Attributes:
-        track: A seed, a name or a list of segments.
-        width: Of the road (m).
-    """
-
-    track: Any = MISSING
-    width: float = MISSING
-
-
-@dataclass
-class TorcsConfig(DrivingConfig):
-    """Driving in TORCS; see ``dpsearch.envs.TORCS``.
-
-    Attributes:
-        track: Name of the track.
-        car: Name of the car.
-    """
-
-    track: str = MISSING
-    car: str = MISSING
-
-
-@dataclass
-class PomdpConfig(EnvConfig):
-    """A finite POMDP from a file; see ``dpsearch.envs.POMDP``.
-
-    Attributes:
-        path: The file.
-        file: The same, absolute, for whoever goes on with the run or plays its policy elsewhere.
-    """
-
-    path: str = MISSING
-    file: str = MISSING
-
-    def recipe(self) -> EnvRecipe:
-        """How to make the environment."""
-        kwargs = {"max_episode_steps": self.max_episode_steps, "path": self.file}
-        return EnvRecipe(self.id, kwargs, reward_threshold=self.reward_threshold)
+        kwargs = {name: getattr(self, name) for name in sorted(self.arguments)}
+        limit = None if "max_episode_steps" in kwargs else self.max_episode_steps
+        return EnvRecipe(self.id, kwargs, max_episode_steps=limit, reward_threshold=self.reward_threshold)
 
 
 @dataclass
@@ -176,7 +73,7 @@ class GymConfig(EnvConfig):
 
     Attributes:
         kwargs: Arguments of the environment.
-        observe_only: The components of the observation that the policy sees; null for all.
+        observe_only: Components of the observation that the policy sees; null for all.
     """
 
     kwargs: dict[str, Any] = field(default_factory=dict)
@@ -185,6 +82,25 @@ class GymConfig(EnvConfig):
     def recipe(self) -> EnvRecipe:
         """How to make the environment."""
         return EnvRecipe(self.id, self.kwargs, self.observe_only, self.max_episode_steps, self.reward_threshold)
+
+
+def env_config(env_id: str) -> type[EnvConfig]:
+    """The settings of an environment: those that all have, and the arguments of its class.
+
+    Args:
+        env_id: Gymnasium's id; what precedes a colon is a module to import first.
+
+    Raises:
+        RunError: If there is no such environment.
+    """
+    recipe = EnvRecipe(env_id)
+    options = recipe.options()
+    namespace = {
+        "__doc__": f"The environment {env_id}.",
+        "arguments": [option.name for option in options],
+        "paths": [option.name for option in options if option.is_path],
+    }
+    return dataclass_of(f"{recipe.name}Config", options, EnvConfig, missing=MISSING, namespace=namespace)
 
 
 @dataclass
@@ -214,22 +130,22 @@ class RolloutConfig:
 
 @dataclass
 class TrainConfig:
-    """All of a run.
+    """A run.
 
     Attributes:
-        algo: The algorithm's own config.
+        algo: Settings of the algorithm.
         env: The environment.
-        policy: The policy's architecture.
+        policy: Architecture of the policy.
         rollout: How episodes are played.
-        seed: Of everything random, in [0, 2**64).
-        run_dir: Where the run is kept; null for ``runs/<algorithm>/<environment>/<time>_seed<seed>``.
+        seed: Seed of everything random, in [0, 2**64).
+        run_dir: Directory of the run; null for ``runs/<algorithm>/<environment>/<time>_seed<seed>``.
         resume: Directory of a run to go on with.
         until_solved: Stop once 100 evaluation episodes reach the environment's reward threshold, if it has one.
         total_steps: Environment steps after which to stop.
         total_episodes: Episodes after which to stop.
         total_updates: Updates after which to stop.
-        evaluation_episodes: Episodes that say in the end what the policy achieves.
-        checkpoint_seconds: Time from one checkpoint to the next; results do not depend on it.
+        evaluation_episodes: Episodes played in the end, to measure what the policy achieves.
+        checkpoint_seconds: Time from one checkpoint to the next (s); results do not depend on it.
         progress: Whether to show progress.
     """
 
@@ -237,16 +153,16 @@ class TrainConfig:
     env: EnvConfig = MISSING
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
-    seed: int = MISSING
-    run_dir: str | None = MISSING
-    resume: str | None = MISSING
-    until_solved: bool = MISSING
-    total_steps: int | None = MISSING
-    total_episodes: int | None = MISSING
-    total_updates: int | None = MISSING
-    evaluation_episodes: int = MISSING
-    checkpoint_seconds: float = MISSING
-    progress: bool = MISSING
+    seed: int = 0
+    run_dir: str | None = None
+    resume: str | None = None
+    until_solved: bool = True
+    total_steps: int | None = 10_000_000
+    total_episodes: int | None = None
+    total_updates: int | None = None
+    evaluation_episodes: int = 100
+    checkpoint_seconds: float = 30.0
+    progress: bool = True
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the key if a value is out of range."""
@@ -260,23 +176,8 @@ class TrainConfig:
         require(self, accepted)
 
 
-ENVS: dict[str, type[EnvConfig]] = {
-    "cheese": CheeseMazeConfig,
-    "double_pole": PolesConfig,
-    "double_pole_hidden": PolesConfig,
-    "gym": GymConfig,
-    "maze4x3": Maze4x3Config,
-    "maze89": EnvConfig,
-    "pomdp": PomdpConfig,
-    "shuttle": EnvConfig,
-    "single_pole": PolesConfig,
-    "single_pole_hidden": PolesConfig,
-    "tiger": TigerConfig,
-    "tmaze": TMazeConfig,
-    "torcs": TorcsConfig,
-    "track": TrackConfig,
-}
-ALGOS: dict[str, type[Any]] = {name: algorithm.config_type for name, algorithm in ALGORITHMS.items()}
+SECTIONS = ("algo", "env", "policy", "rollout")
+"""Settings of a run that have settings of their own."""
 
 RESUMABLE = frozenset(
     {
@@ -295,33 +196,27 @@ RESUMABLE = frozenset(
 
 
 def register() -> None:
-    """Tell Hydra about the schemas, and OmegaConf what some files of ``configs`` compute."""
-    OmegaConf.register_new_resolver("pomdp_file", _pomdp_file, replace=True)
+    """Tell Hydra which settings a run has, and OmegaConf what some files of ``configs`` compute.
+
+    Hydra refuses settings that it does not know. Those of a section depend on what is chosen for the others, so each
+    section is open while the configuration is composed, and checked once it is: ``completed``.
+    """
     OmegaConf.register_new_resolver("pomdp_discount", _pomdp_discount, replace=True)
     OmegaConf.register_new_resolver("mirror_signs", _mirror_signs, replace=True)
-    store = ConfigStore.instance()
-    store.store(name="train_schema", node=TrainConfig)
-    for group, schemas in (("algo", ALGOS), ("env", ENVS)):
-        for name, schema in schemas.items():
-            node = OmegaConf.structured(schema)
-            for key in node:
-                inner = node._get_node(key)
-                if isinstance(inner, DictConfig):  # an argument of something: takes any keys
-                    OmegaConf.set_struct(inner, False)
-            store.store(group=group, name=f"{name}_schema", node=node)
-
-
-def _pomdp_file(*, _parent_: DictConfig) -> str:
-    """Absolute path of the file that ``path`` names; nothing if it names none, which is then said of ``path``."""
-    return "" if OmegaConf.is_missing(_parent_, "path") else str(Path(_parent_.path).absolute())
+    run = OmegaConf.to_container(OmegaConf.structured(TrainConfig))
+    assert isinstance(run, dict)
+    node = OmegaConf.create({**run, **{section: {} for section in SECTIONS}})
+    for section in SECTIONS:
+        OmegaConf.set_struct(node[section], False)
+    ConfigStore.instance().store(name="settings", node=node)
 
 
 def _pomdp_discount(*, _parent_: DictConfig) -> float:
-    """The discount factor in that file."""
+    """The discount factor in the file that ``path`` names; 1 if there is none, for the environment to refuse it."""
     try:
-        return read_discount(_pomdp_file(_parent_=_parent_))
+        return 1.0 if OmegaConf.is_missing(_parent_, "path") else read_discount(_parent_.path)
     except PomdpFileError:
-        return 1.0  # for the environment to say what is wrong, in one line that names the file's
+        return 1.0
 
 
 def _mirror_signs(observations: list[str], speed_profile: Any) -> list[float] | None:
@@ -331,28 +226,90 @@ def _mirror_signs(observations: list[str], speed_profile: Any) -> list[float] | 
     return mirror_signs(observations, pedals=speed_profile is None)
 
 
-def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
-    """A configuration as objects.
+def compose(overrides: Sequence[str]) -> tuple[DictConfig, dict[str, str]]:
+    """The configuration of ``train.py OVERRIDES``, unchecked, and the option chosen of each group.
+
+    Args:
+        overrides: What is chosen and set, in Hydra's way: ``env=tiger``, ``algo.gamma=0.9``.
+
+    Raises:
+        HydraException: If a group has no such option, or a run no such setting.
+    """
+    register()
+    with hydra.initialize_config_module("dpsearch.configs", version_base="1.3"):
+        config = hydra.compose("train", list(overrides), return_hydra_config=True)
+    choices = dict(config.hydra.runtime.choices)
+    with open_dict(config):
+        del config["hydra"]
+    return config, choices
+
+
+def completed(config: DictConfig, choices: Mapping[str, str]) -> DictConfig:
+    """A configuration with every setting of the run, each of its type; those that name files are absolute.
 
     Args:
         config: The composed configuration, or a saved one.
         choices: The option chosen of each group.
 
     Raises:
-        RunError: If a value is out of range, or an option has no schema.
-        OmegaConfBaseException: If a value is missing or of the wrong type.
+        RunError: If there is no such algorithm, environment or setting.
+        OmegaConfBaseException: If a value is of the wrong type.
     """
-    chosen = {}
-    for group, schemas in (("algo", ALGOS), ("env", ENVS)):
-        if choices[group] not in schemas:
-            raise RunError(f"{group}={choices[group]} has no schema: there is one for {', '.join(schemas)}")
-        chosen[group] = schemas[choices[group]]
-    plain = OmegaConf.to_container(config)  # else a key that was forced in (+key=value) would be let through
-    typed = OmegaConf.merge(OmegaConf.structured(TrainConfig), chosen, plain)
+    if choices["algo"] not in ALGORITHMS:
+        raise RunError(f"algo must be one of {', '.join(ALGORITHMS)}, got {choices['algo']}")
+    env_id = OmegaConf.select(config, "env.id")
+    env = GymConfig if choices["env"] == "gym" or env_id is None else env_config(env_id)
+    kinds = {"algo": ALGORITHMS[choices["algo"]].config_type, "env": env}
+    given = OmegaConf.to_container(config)
+    assert isinstance(given, dict)
+    _refuse_unknown(given, TrainConfig)
+    for section, kind in {**kinds, "policy": PolicyConfig, "rollout": RolloutConfig}.items():
+        if not isinstance(given[section], dict):
+            raise RunError(f"{section} must be settings, got {given[section]!r}")
+        _refuse_unknown(given[section], kind, section)
+    typed = OmegaConf.merge(OmegaConf.structured(TrainConfig), kinds, given)
     assert isinstance(typed, DictConfig)
-    for section in ("algo", "env", "policy", "rollout", None):  # one by one, to name the one that is wrong
+    for name in env.paths:  # a run can be resumed, and its policy played, from anywhere
+        if not OmegaConf.is_missing(typed.env, name):
+            typed.env[name] = str(Path(typed.env[name]).absolute())
+    return typed
+
+
+def _refuse_unknown(given: Mapping[Any, Any], kind: type[Any], section: str = "") -> None:
+    for name in given:
+        if name not in (names := [setting.name for setting in fields(kind)]):
+            raise RunError(unknown(str(name), names, section))
+
+
+def unknown(name: str, names: Sequence[str], section: str = "") -> str:
+    """What to say of a setting that does not exist.
+
+    Args:
+        name: What it was called.
+        names: The settings that exist.
+        section: Where it was looked for; empty for the run itself.
+    """
+    similar = get_close_matches(name, names, n=1)
+    hint = f"did you mean {similar[0]}?" if similar else f"there are {', '.join(names)}"
+    where = f"{section}." if section else ""
+    return f"{where}{name} is not a setting{f' of {section}' if section else ''}: {hint}"
+
+
+def checked(config: DictConfig) -> TrainConfig:
+    """A completed configuration as objects.
+
+    Args:
+        config: The configuration, as ``completed`` makes it.
+
+    Raises:
+        RunError: If a value is out of range or missing.
+        OmegaConfBaseException: If a value cannot be computed.
+    """
+    for section in (*SECTIONS, None):  # one by one, to name the one that is wrong
         try:
-            settings = OmegaConf.to_object(typed if section is None else typed[section])
+            settings = OmegaConf.to_object(config if section is None else config[section])
+        except MissingMandatoryValue as error:
+            raise RunError(f"{error.full_key} must be given") from None
         except OmegaConfBaseException:
             raise
         except ValueError as error:

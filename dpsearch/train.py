@@ -21,15 +21,16 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
 from dpsearch.config import TrainConfig
 from dpsearch.files import CheckpointError
+from dpsearch.help import page
 from dpsearch.policies import UnsupportedSpaceError
 from dpsearch.rollout import EnvironmentFailedError, Rollouts
-from dpsearch.runs import Limits, Run, RunDirectory, RunError
+from dpsearch.runs import EnvRecipe, Limits, Run, RunDirectory, RunError
 
 FULL_ERROR = "HYDRA_FULL_ERROR"
 TRACEBACKS = os.environ.get(FULL_ERROR) == "1"  # asked for, even where one line would do
@@ -42,7 +43,10 @@ def main() -> None:
     os.environ[FULL_ERROR] = "1"  # Hydra then leaves its errors to us
     try:
         with _errors_in_one_line():
-            _application()
+            if {"--help", "-h"} & set(sys.argv[1:]):
+                print(page([argument for argument in sys.argv[1:] if not argument.startswith("-")]))
+            else:
+                _application()
     except KeyboardInterrupt:
         sys.exit(130)
 
@@ -73,9 +77,10 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         choices = dict(hydra_config.runtime.choices)
     else:
         config, choices = _saved(resumed, config, list(hydra_config.overrides.task))
-    settings = schema.checked(config, choices)
+    config = schema.completed(config, choices)
+    settings = schema.checked(config)
     recipe = settings.env.recipe()
-    rollouts = recipe.rollouts(**vars(settings.rollout))
+    rollouts = _rollouts(recipe, settings)
     limits = _limits(settings, rollouts)
     algorithm = _algorithm(ALGORITHMS[choices["algo"]], settings, rollouts, resumed)
     directory = resumed or _new_directory(settings, choices)
@@ -150,6 +155,23 @@ def _limits(settings: TrainConfig, rollouts: Rollouts) -> Limits:
     return limits
 
 
+def _rollouts(recipe: EnvRecipe, settings: TrainConfig) -> Rollouts:
+    try:
+        return recipe.rollouts(**vars(settings.rollout))
+    except RunError as error:
+        cause = error.__cause__ or error
+        if (refused := _in_full(cause, env=settings.env)) != str(cause):
+            raise RunError(refused) from error
+        raise
+
+
+def _in_full(error: BaseException, **sections: Any) -> str:
+    """An error's message; if it begins with the name of a setting in one of the sections, with its full name."""
+    message = str(error)
+    keys = {key.name: f"{section}." for section, values in sections.items() for key in fields(values)}
+    return keys.get(message.partition(" ")[0], "") + message
+
+
 def _algorithm(
     kind: type[Algorithm[Any]], settings: TrainConfig, rollouts: Rollouts, resumed: RunDirectory | None
 ) -> Algorithm[Any]:
@@ -162,9 +184,7 @@ def _algorithm(
     try:
         return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed)
     except (UnsupportedSpaceError, ValueError, TypeError) as error:
-        sections = {"policy": settings.policy, "algo": settings.algo}
-        keys = {key.name: f"{section}." for section, values in sections.items() for key in fields(values)}
-        raise RunError(keys.get(str(error).partition(" ")[0], "") + str(error)) from error
+        raise RunError(_in_full(error, policy=settings.policy, algo=settings.algo)) from error
 
 
 def _hyperparameters(config: DictConfig) -> dict[str, Any]:
@@ -214,11 +234,13 @@ def _errors_in_one_line() -> Iterator[None]:
 def _one_line(error: Exception) -> str:
     """A message in one line: Hydra and OmegaConf put causes, details and hints on several."""
     cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else None
+    if isinstance(cause, ConfigAttributeError | ConfigKeyError) and cause.full_key == cause.key:  # of the run itself
+        return schema.unknown(str(cause.key), [setting.name for setting in fields(TrainConfig)])
     message = str(error) if cause is None else f"{error}\n{cause}"
     lines = [line.strip().removeprefix("In 'train': ") for line in message.splitlines()]
     if "Config search path:" in lines:
         lines = lines[: lines.index("Config search path:")]
     where = [line.removeprefix("full_key: ") for line in lines if line.startswith("full_key: ")]
     noise = ("To append to", "full_key: ", "reference_type=", "object_type=", "See https:")
-    said = [line for line in lines if line and not line.startswith(noise) and not line.endswith("_schema")]
+    said = [line for line in lines if line and not line.startswith(noise)]
     return ": ".join(line.rstrip(".:") for line in (said if cause else where + said))

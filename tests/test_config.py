@@ -6,25 +6,23 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_module
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
-import dpsearch.train  # noqa: F401  # registers the schemas
-from dpsearch.algos import RPGConfig
-from dpsearch.config import ALGOS, ENVS, TrainConfig, checked
-from dpsearch.envs import TORCS, Track
+from dpsearch.algos import ALGORITHMS, RPGConfig
+from dpsearch.config import TrainConfig, checked, completed, compose
+from dpsearch.envs import TORCS, Tiger, Track
+from dpsearch.options import options_of
 from dpsearch.policies import PolicyConfig
+from dpsearch.pomdp.task import TabularTask
 from dpsearch.runs import EnvRecipe, RunError
+from dpsearch.search import SEARCHES
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
 
 def composed(*overrides: str) -> TrainConfig:
-    with initialize_config_module("dpsearch.configs", version_base="1.3"):
-        config = compose("train", overrides=list(overrides), return_hydra_config=True)
-        choices = dict(config.hydra.runtime.choices)
-        assert isinstance(config, DictConfig)
-        return checked(DictConfig({key: config[key] for key in config if key != "hydra"}), choices)
+    return checked(completed(*compose(overrides)))
 
 
 def test_the_default_is_the_thesis_s_way_to_learn_the_tmaze() -> None:
@@ -111,9 +109,62 @@ def test_steering_is_learned_with_the_same_settings_in_both_simulators(algo: str
         assert track.env.recipe().kwargs[setting] == torcs.env.recipe().kwargs[setting]
 
 
-@pytest.mark.parametrize(("group", "schemas"), [("algo", ALGOS), ("env", ENVS)])
-def test_every_option_of_a_group_has_the_schema_of_its_name(group: str, schemas: dict[str, object]) -> None:
-    assert {path.stem for path in (CONFIGS / group).glob("*.yaml")} == set(schemas)
+def test_every_algorithm_has_a_file_and_every_file_an_algorithm() -> None:
+    assert {path.stem for path in (CONFIGS / "algo").glob("*.yaml")} == set(ALGORITHMS)
+
+
+@pytest.mark.parametrize("env", sorted(path.stem for path in (CONFIGS / "env").glob("*.yaml") if path.stem != "gym"))
+def test_the_files_of_environments_repeat_no_default(env: str) -> None:
+    said = OmegaConf.load(CONFIGS / "env" / f"{env}.yaml")
+    assert isinstance(said, DictConfig)
+    arguments = {option.name: option.default for option in EnvRecipe(said.id).options()}
+    for name in set(said) - {"id", "gamma"}:
+        assert OmegaConf.is_missing(said, str(name)) or said[name] != arguments[str(name)]
+
+
+class Growling(Tiger):
+    """A task with one more argument than the configuration files know of."""
+
+    @classmethod
+    def make_task(
+        cls, single: bool = False, max_episode_steps: int | None = None, growls: int = 3, *, path: str | Path = "den"
+    ) -> TabularTask:
+        return super().make_task(single, max_episode_steps)
+
+
+def test_a_new_argument_of_a_task_is_a_setting_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dpsearch.envs.tiger.Tiger", Growling)
+    assert composed("env=tiger").env.recipe().kwargs["growls"] == 3
+    assert composed("env=tiger", "env.growls=5").env.recipe().kwargs["growls"] == 5
+    with pytest.raises(OmegaConfBaseException, match="could not be converted to Integer"):
+        composed("env=tiger", "env.growls=often")
+    with pytest.raises(RunError, match=r"^env\.growl is not a setting of env: did you mean growls\?$"):
+        composed("env=tiger", "env.growl=5")
+    assert composed("env=tiger").env.recipe().kwargs["path"] == str(Path("den").absolute())
+
+
+def test_any_registered_class_can_have_a_file_of_its_own() -> None:
+    """Without an argument for it, the step limit is Gymnasium's; what it is registered with is the default."""
+    config = compose(["env=tiger"])[0]
+    config.env = {"id": "CartPole-v1", "gamma": 0.9, "sutton_barto_reward": True, "max_episode_steps": 7}
+    env = checked(completed(config, {"algo": "rpg", "env": "cart"})).env
+    assert env.recipe() == EnvRecipe("CartPole-v1", {"sutton_barto_reward": True}, max_episode_steps=7)
+    config.env = {"id": "FrozenLake-v1", "gamma": 0.9}
+    assert checked(completed(config, {"algo": "rpg", "env": "lake"})).env.recipe().kwargs["map_name"] == "4x4"
+
+
+@pytest.mark.parametrize("algo", sorted(SEARCHES))
+def test_a_search_has_its_own_arguments_as_settings(algo: str) -> None:
+    settings = composed(f"algo={algo}", "algo.patience=7").algo
+    given = settings.search_options()
+    assert given["patience"] == 7
+    search = SEARCHES[algo](np.zeros(3), 1.0, **given)
+    assert search.patience == 7
+    usual = {option.name: option.default for option in options_of(SEARCHES[algo])}
+    said = OmegaConf.select(OmegaConf.load(CONFIGS / "algo" / f"{algo}.yaml"), "algo") or {}
+    changed = {"patience", "tolx", *said}
+    assert {name: value for name, value in given.items() if name not in changed}.items() <= usual.items()
+    assert not {"x0", "seed", "target", "max_evaluations", "diagonal"} & set(given)
 
 
 def test_every_experiment_is_a_valid_configuration() -> None:
@@ -121,6 +172,31 @@ def test_every_experiment_is_a_valid_configuration() -> None:
         composed(f"experiment={path.stem}")
 
 
-def test_an_option_without_a_schema_is_refused() -> None:
-    with pytest.raises(RunError, match=r"env=bogus has no schema: there is one for .*gym, .*tmaze"):
-        checked(DictConfig({}), {"algo": "rpg", "env": "bogus"})
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ("policy=5", "policy must be settings, got 5"),
+        ("+policy.cor=lstm", r"policy\.cor is not a setting of policy: did you mean core\?"),
+        ("+total_step=1", r"total_step is not a setting: did you mean total_steps\?"),
+        ("env=pomdp", r"env\.path must be given"),
+        ("env.id=Bogus-v0", "cannot make environment 'Bogus-v0': .*"),
+        ("rollout.bogus=1", r"rollout\.bogus is not a setting of rollout: there are threads, .*"),
+    ],
+)
+def test_what_is_no_setting_is_refused_by_its_full_name(overrides: str, message: str) -> None:
+    with pytest.raises(RunError, match=f"^{message}$"):
+        composed(*overrides.split())
+
+
+def test_what_is_no_algorithm_is_refused() -> None:
+    with pytest.raises(RunError, match=r"^algo must be one of rpg, .*, got bogus$"):
+        completed(DictConfig({}), {"algo": "bogus", "env": "tmaze"})
+
+
+def test_a_completed_configuration_says_every_setting_and_is_complete() -> None:
+    config = completed(*compose(["algo=nes", "env=track"]))
+    assert (config.env.width, config.algo.refresh_rate, config.policy.init_range) == (12.0, 0.01, 0.01)
+    saved = OmegaConf.create(OmegaConf.to_yaml(config, resolve=True))
+    assert isinstance(saved, DictConfig)
+    again = checked(completed(saved, {"algo": "nes", "env": "track"}))
+    assert asdict(again) == asdict(composed("algo=nes", "env=track"))

@@ -18,14 +18,14 @@ HOMES = homes()
 # From the ground up. A room imports from the floors below it and from itself, not from its neighbours;
 # on the top floor, where the applications are, all doors are open.
 FLOORS = (
-    {"kernels", "files", "configs"},
+    {"kernels", "files", "options", "configs"},
     {"env_kit"},
     {"pomdp"},
     {"envs", "policies", "search"},
     {"rollout"},
     {"algos"},
     {"runs", "report"},
-    {"config", "train", "evaluate", "scripts"},
+    {"config", "help", "train", "evaluate", "scripts"},
 )
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 TOP = len(FLOORS) - 1

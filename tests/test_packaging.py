@@ -85,6 +85,15 @@ def test_the_wheel_works_away_from_the_checkout(wheel: zipfile.ZipFile, tmp_path
     assert result.stdout.split() == [str(installed / room / "__init__.py") for room in ("configs", "envs")]
 
 
+def test_the_installed_application_lists_its_settings(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    wheel.extractall(tmp_path / "site")
+    code = "import sys; sys.argv = ['dpsearch-train', 'env=tiger', '--help']; from dpsearch.train import main; main()"
+    result = run_python(code, cwd=tmp_path, PYTHONPATH=str(tmp_path / "site"))
+    assert result.returncode == 0, result.stderr
+    assert "  env.single=false\n      Whether opening a door ends the episode.\n" in result.stdout
+    assert "[tiger] tmaze" in " ".join(result.stdout.split())
+
+
 def test_a_bare_checkout_works_without_installation() -> None:
     forget = "import sys; sys.meta_path = [f for f in sys.meta_path if '__editable__' not in str(f)]"
     result = run_python(f"{forget}; {PRINT_FILES}", cwd=ROOT)

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from time import perf_counter
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -23,23 +23,25 @@ from numpy.typing import NDArray
 from dpsearch.algos.base import RECENT_EPISODES, Algorithm, Env, Metrics
 from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
+from dpsearch.options import dataclass_of, options_of
 from dpsearch.policies import PolicyConfig
 from dpsearch.search import CMAES, FEM, NES, SNES, XNES, Restarts, Search
 from dpsearch.search.restarts import RULES
 
 SEARCH = 5  # purpose of the seed's stream that the search draws from; see those in ``base``
 CHOICES = ("auto", "best", "mean")
+GIVEN = frozenset({"x0", "seed", "target", "max_evaluations", "diagonal"})
+"""Arguments of searches that are no settings: the run gives them, or the class of the search."""
 FLAT = 100  # evaluations after which it is said if all fitness was the same
 
 
 @dataclass
 class PolicySearchConfig:
-    """What all policy searches share.
+    """How a search over the weights of a policy goes. A subclass adds the options of its kind of search.
 
     Attributes:
         sigma0: Initial standard deviation of the weights.
         start_std: Standard deviation of where the search begins, around the policy's initial weights (thesis: 1).
-        population: Candidates of a generation; the search's own choice if None.
         episodes_per_fitness: Episodes whose mean return is a candidate's fitness.
         common_random_numbers: All candidates of a generation play the same episodes: same starts, same noise.
         greedy: Candidates take the most probable action instead of a random one. A policy for continuous actions is
@@ -50,19 +52,16 @@ class PolicySearchConfig:
         restarts: Begin again elsewhere when the search distribution has shrunk to a point, or has run out of
             ``patience``. If False, the run ends there.
         tolx: A search has shrunk to a point when all its standard deviations are below this part of ``sigma0``.
-        patience: Evaluations in a row without a better fitness after which a search is given up; null for no limit.
     """
 
     sigma0: float = 1.0
     start_std: float = 0.0
-    population: int | None = None
     episodes_per_fitness: int = 1
     common_random_numbers: bool = True
     greedy: bool = False
     choice: str = "auto"
     restarts: bool = True
     tolx: float = 1e-6
-    patience: int | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field if a value is out of range."""
@@ -78,18 +77,29 @@ class PolicySearchConfig:
         )
 
     def search_options(self) -> dict[str, Any]:
-        """The settings that are the search's own."""
-        shared = {f.name for f in fields(PolicySearchConfig)} - {"population", "tolx", "patience"}
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in shared}
+        """Arguments of the search, by name."""
+        ours = {f.name for f in fields(PolicySearchConfig)} - {"tolx"}
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ours}
 
 
-ConfigT = TypeVar("ConfigT", bound=PolicySearchConfig)
+def config_of(search: type[Search]) -> type[Any]:
+    """The settings of policy search by one kind of search: those that all share, and the arguments of its class.
+
+    Args:
+        search: The kind of search.
+    """
+    options = options_of(search, without={*GIVEN, *(f.name for f in fields(PolicySearchConfig))})
+    words = {"__doc__": f"How {search.__name__} searches over the weights of a policy."}
+    return dataclass_of(f"{search.__name__}Config", options, PolicySearchConfig, namespace=words)
 
 
-class PolicySearch(Algorithm[ConfigT]):
+class PolicySearch(Algorithm[PolicySearchConfig]):
     """A ``Search`` over the weights of a policy; see ``Algorithm`` for the arguments.
 
+    A subclass says which, and takes its name and its options.
+
     Attributes:
+        search_type: The kind of search.
         search: The search; its ``best.evaluation`` is the number of the evaluation that found the best candidate.
     """
 
@@ -97,7 +107,11 @@ class PolicySearch(Algorithm[ConfigT]):
     default_policy = PolicyConfig(hidden_size=2, bias=False)
     search_type: ClassVar[type[Search]]
 
-    def __init__(self, env: Env, config: ConfigT | None = None, **options: Any) -> None:
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.name, cls.config_type = cls.search_type.name, config_of(cls.search_type)
+
+    def __init__(self, env: Env, config: PolicySearchConfig | None = None, **options: Any) -> None:
         super().__init__(env, config, **options)
         self.search = self._make_search()
         automatic = "best" if self.nothing_is_random else "mean"
@@ -233,94 +247,31 @@ def _mapped(state: Any, kind: type[Any], convert: Callable[[Any], Any]) -> Any:
     return convert(state) if isinstance(state, kind) else state
 
 
-@dataclass
-class NESConfig(PolicySearchConfig):
-    """How NES searches; see ``dpsearch.search.NES`` for what is not explained here."""
-
-    learning_rate: float = 1.0
-    gradient: str = "regression"
-    update: str = "exponential"
-    importance_mixing: bool = True
-    refresh_rate: float = 0.01
-
-
-@dataclass
-class XNESConfig(PolicySearchConfig):
-    """How xNES searches; see ``dpsearch.search.XNES`` for what is not explained here."""
-
-    learning_rate: float = 1.0
-    sigma_learning_rate: float | None = None
-    shape_learning_rate: float | None = None
-    adaptation_sampling: bool = False
-    importance_mixing: bool = False
-    refresh_rate: float = 0.01
-
-
-@dataclass
-class SNESConfig(PolicySearchConfig):
-    """How SNES searches; see ``dpsearch.search.SNES`` for what is not explained here."""
-
-    learning_rate: float = 1.0
-    sigma_learning_rate: float | None = None
-    importance_mixing: bool = False
-    refresh_rate: float = 0.01
-
-
-@dataclass
-class FEMConfig(PolicySearchConfig):
-    """How FEM searches; see ``dpsearch.search.FEM`` for what is not explained here."""
-
-    online: bool = True
-    forget_factor: float | None = None
-    covariance_forget_factor: float | None = None
-    centre: str = "old"
-    window: int | None = None
-    top: int | None = None
-    covariance: str = "full"
-    elitist: bool = False
-    expansion: float = 1.0
-
-
-@dataclass
-class CMAESConfig(PolicySearchConfig):
-    """How CMA-ES searches; see ``dpsearch.search.CMAES``."""
-
-
-class NESPolicySearch(PolicySearch[NESConfig]):
+class NESPolicySearch(PolicySearch):
     """Natural evolution strategies over the weights of a policy."""
 
-    name = "nes"
-    config_type = NESConfig
     search_type = NES
 
 
-class XNESPolicySearch(PolicySearch[XNESConfig]):
+class XNESPolicySearch(PolicySearch):
     """Exponential NES over the weights of a policy."""
 
-    name = "xnes"
-    config_type = XNESConfig
     search_type = XNES
 
 
-class SNESPolicySearch(PolicySearch[SNESConfig]):
+class SNESPolicySearch(PolicySearch):
     """Separable NES over the weights of a policy."""
 
-    name = "snes"
-    config_type = SNESConfig
     search_type = SNES
 
 
-class FEMPolicySearch(PolicySearch[FEMConfig]):
+class FEMPolicySearch(PolicySearch):
     """Fitness expectation maximization over the weights of a policy."""
 
-    name = "fem"
-    config_type = FEMConfig
     search_type = FEM
 
 
-class CMAESPolicySearch(PolicySearch[CMAESConfig]):
+class CMAESPolicySearch(PolicySearch):
     """CMA-ES over the weights of a policy."""
 
-    name = "cmaes"
-    config_type = CMAESConfig
     search_type = CMAES

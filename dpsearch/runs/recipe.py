@@ -8,9 +8,10 @@ from importlib import import_module
 from typing import Any
 
 import gymnasium as gym
-from gymnasium.envs.registration import load_env_creator
+from gymnasium.envs.registration import load_env_creator, parse_env_id
 
 from dpsearch.env_kit import ObserveOnly
+from dpsearch.options import Option, options_of
 from dpsearch.policies import UnsupportedSpaceError
 from dpsearch.rollout import OnError, Rollouts, make_rollouts
 from dpsearch.runs.errors import RunError
@@ -56,6 +57,30 @@ class EnvRecipe:
         except Exception as error:  # the environment's own code: its message may make no sense without the type
             raise RunError(f"cannot make environment {self.id!r}: {type(error).__name__}: {error}") from error
         return env
+
+    @property
+    def name(self) -> str:
+        """The environment's name without namespace and version: ``TMaze`` of ``dpsearch.envs:dpsearch/TMaze-v0``."""
+        return parse_env_id(self.id.rpartition(":")[2])[1]
+
+    def options(self) -> list[Option]:
+        """Arguments of the environment's class, with those it is registered with as defaults.
+
+        Raises:
+            RunError: If the environment is unknown, or not made by a class.
+        """
+        module, _, name = self.id.rpartition(":")
+        try:
+            if module:
+                import_module(module)
+            spec = gym.spec(name)
+            kind = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
+        except (gym.error.Error, ImportError) as error:
+            raise RunError(f"cannot make environment {self.id!r}: {error}") from error
+        if not isinstance(kind, type):
+            raise RunError(f"environment {self.id!r} is not made by a class, whose arguments would be its settings")
+        options = options_of(kind, without={"render_mode"})
+        return [dataclasses.replace(o, default=spec.kwargs.get(o.name, o.default)) for o in options]
 
     @property
     def drawable(self) -> bool:

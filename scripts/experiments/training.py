@@ -4,47 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from typing import Any
-
-import hydra
-from omegaconf import open_dict
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
 from dpsearch.policies import CORES
 from dpsearch.rollout import Rollouts
-
-# Settings that came after the first logs of runs, with what had been meant before: they count if they differ.
-LATER: dict[str, Any] = {
-    "readout": True,
-    "mirror": None,
-    "previous_action": False,
-    "learning_rate_halflife": None,
-    "trace": 1.0,
-    "normalise_advantages": False,
-    "entropy_bonus": 0.0,
-    "entropy_halflife": None,
-    "imitated_steps": None,
-    "wrong_turn_reward": -0.1,
-    "slips": "sideways",
-    "minus_reward": -1.0,
-    "baseline_cells": 10,
-    "baseline_optimizer": "Adam",
-    "baseline_learning_rate": 0.01,
-    "baseline_optimizer_options": {},
-    "baseline_steps": 1,
-    "natural_step": None,
-    "damping": 0.01,
-    "restart_episodes": None,
-    "restart_gain": 0.0,
-    "update_steps": None,
-    "init_std": None,
-    "noise_memory": 0.0,
-    "advantage_memory": 0.98,
-    "reward": "speed",
-}
 
 
 @dataclass(frozen=True)
@@ -60,16 +27,16 @@ class Settings:
     config: schema.TrainConfig
 
     def fingerprint(self) -> str:
-        """Tells settings apart by all that an outcome depends on, the seed aside."""
+        """Tells settings apart by all that an outcome depends on, the seed aside: what differs from the defaults.
+
+        Runs that were logged before a setting existed are found, since they had what is its default now. A default
+        must not change while there are logged runs that had it.
+        """
         config = self.config
-
-        def counted(settings: Any) -> dict[str, Any]:
-            return {k: v for k, v in asdict(settings).items() if k not in LATER or v != LATER[k]}
-
         parts = {
-            "algo": [self.algo, counted(config.algo)],
-            "env": counted(config.env),
-            "policy": counted(config.policy),
+            "algo": [self.algo, differences(config.algo)],
+            "env": differences(config.env),
+            "policy": differences(config.policy),
             "limits": [config.total_steps, config.total_episodes, config.total_updates],
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
@@ -94,13 +61,22 @@ class Settings:
         return {name: getattr(config, name) for name in ("total_steps", "total_episodes", "total_updates")}
 
 
+def differences(settings: Any) -> dict[str, Any]:
+    """The fields of a dataclass whose values are not the defaults of its class.
+
+    Args:
+        settings: The dataclass. A field that cannot be given, such as a kind, names its class and always counts.
+    """
+    usual, found = type(settings)(), {}
+    for setting in fields(settings):
+        value = getattr(settings, setting.name)
+        if value != getattr(usual, setting.name) or not setting.init:
+            found[setting.name] = differences(value) if is_dataclass(value) else value
+    return found
+
+
 @cache
 def compose(overrides: tuple[str, ...]) -> Settings:
     """The configuration that ``train.py`` would have with the same overrides."""
-    schema.register()
-    with hydra.initialize_config_module("dpsearch.configs", version_base="1.3"):
-        config = hydra.compose("train", list(overrides), return_hydra_config=True)
-    choices = dict(config.hydra.runtime.choices)
-    with open_dict(config):
-        del config["hydra"]
-    return Settings(choices["algo"], schema.checked(config, choices))
+    config, choices = schema.compose(overrides)
+    return Settings(choices["algo"], schema.checked(schema.completed(config, choices)))

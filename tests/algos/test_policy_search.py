@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from dpsearch.algos import ALGORITHMS, NESPolicySearch, PolicySearch, SNESPolicySearch, XNESPolicySearch
-from dpsearch.algos.policy_search import NESConfig
 from dpsearch.envs import DoublePoleHidden
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes, make_rollouts
@@ -24,7 +23,7 @@ POLE = "dpsearch/SinglePole-v0"
 SEARCHERS = sorted(SEARCHES)
 
 
-def searcher(name: str, env: Any = POLE, **options: Any) -> PolicySearch[Any]:
+def searcher(name: str, env: Any = POLE, **options: Any) -> PolicySearch:
     algorithm = ALGORITHMS[name](env, **options)
     assert isinstance(algorithm, PolicySearch)
     return algorithm
@@ -192,9 +191,9 @@ def test_a_search_that_is_stuck_begins_again_or_ends() -> None:
 def test_where_the_search_begins_is_drawn_if_asked() -> None:
     near = NESPolicySearch(POLE, seed=1)
     assert np.abs(near.search.mean).max() <= 0.01
-    far = NESPolicySearch(POLE, NESConfig(start_std=1.0), seed=1)
+    far = NESPolicySearch(POLE, start_std=1.0, seed=1)
     assert 0.5 < far.search.mean.std() < 1.5
-    assert not np.array_equal(far.search.mean, NESPolicySearch(POLE, NESConfig(start_std=1.0), seed=2).search.mean)
+    assert not np.array_equal(far.search.mean, NESPolicySearch(POLE, start_std=1.0, seed=2).search.mean)
 
 
 def test_rewards_that_are_not_finite_are_ranked_worst() -> None:
