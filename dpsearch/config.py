@@ -9,16 +9,18 @@ Ranges are checked where the values are used, or in ``__post_init__`` here; eith
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dpsearch.algos import ALGORITHMS
+from dpsearch.algos.baselines import left_behind
 from dpsearch.algos.settings import require
 from dpsearch.policies import PolicyConfig
 from dpsearch.pomdp.file_format.reader import read_discount
@@ -298,7 +300,6 @@ def register() -> None:
     """Tell Hydra about the schemas, and OmegaConf what some files of ``configs`` compute."""
     OmegaConf.register_new_resolver("pomdp_file", _pomdp_file, replace=True)
     OmegaConf.register_new_resolver("pomdp_discount", _pomdp_discount, replace=True)
-    OmegaConf.register_new_resolver("mirror_signs", _mirror_signs, replace=True)
     store = ConfigStore.instance()
     store.store(name="train_schema", node=TrainConfig)
     for group, schemas in (("algo", ALGOS), ("env", ENVS)):
@@ -324,19 +325,14 @@ def _pomdp_discount(*, _parent_: DictConfig) -> float:
         return 1.0  # for the environment to say what is wrong, in one line that names the file's
 
 
-def _mirror_signs(observations: list[str], speed_profile: Any) -> list[float] | None:
-    """Of a car's observations and actions."""
-    from dpsearch.envs.driving.rules import mirror_signs
-
-    return mirror_signs(observations, pedals=speed_profile is None)
-
-
-def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
+def checked(config: DictConfig, choices: Mapping[str, str], overrides: Sequence[str] = ()) -> TrainConfig:
     """A configuration as objects.
 
     Args:
-        config: The composed configuration, or a saved one.
+        config: The composed configuration, or a saved one. Settings of another baseline than the one chosen, which
+            remain where files or overrides choose it anew, are dropped from it.
         choices: The option chosen of each group.
+        overrides: The user's own, whose settings are kept, to be refused if they do not fit.
 
     Raises:
         RunError: If a value is out of range, or an option has no schema.
@@ -347,6 +343,7 @@ def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
         if choices[group] not in schemas:
             raise RunError(f"{group}={choices[group]} has no schema: there is one for {', '.join(schemas)}")
         chosen[group] = schemas[choices[group]]
+    _drop_left_behind(config, overrides)
     plain = OmegaConf.to_container(config)  # else a key that was forced in (+key=value) would be let through
     typed = OmegaConf.merge(OmegaConf.structured(TrainConfig), chosen, plain)
     assert isinstance(typed, DictConfig)
@@ -359,3 +356,17 @@ def checked(config: DictConfig, choices: Mapping[str, str]) -> TrainConfig:
             raise RunError(str(error) if section is None else f"{section}.{error}") from error
     assert isinstance(settings, TrainConfig)
     return settings
+
+
+def _drop_left_behind(config: DictConfig, overrides: Sequence[str]) -> None:
+    """Drop from ``algo.baseline`` the settings of other kinds, except those that the user gave."""
+    baseline = OmegaConf.select(config, "algo.baseline")
+    if not isinstance(baseline, DictConfig):
+        return
+    given: set[str] = set()
+    for override in OverridesParser.create().parse_overrides(list(overrides)):
+        key, value = override.key_or_group, override.value()
+        given |= {str(name) for name in value} if key == "algo.baseline" and isinstance(value, dict) else {key}
+    own = {key.removeprefix("algo.baseline.") for key in given}
+    for name in left_behind({str(key): baseline[key] for key in baseline}, own):
+        del baseline[name]

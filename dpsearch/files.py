@@ -13,7 +13,7 @@ import torch
 
 from dpsearch import __version__
 
-FORMAT = 4
+FORMAT = 5
 
 
 class CheckpointError(RuntimeError):

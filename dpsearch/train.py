@@ -28,6 +28,7 @@ from dpsearch.algos import ALGORITHMS, Algorithm
 from dpsearch.config import TrainConfig
 from dpsearch.files import CheckpointError
 from dpsearch.policies import UnsupportedSpaceError
+from dpsearch.renamed import renaming
 from dpsearch.rollout import EnvironmentFailedError, Rollouts
 from dpsearch.runs import Limits, Run, RunDirectory, RunError
 
@@ -73,7 +74,7 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         choices = dict(hydra_config.runtime.choices)
     else:
         config, choices = _saved(resumed, config, list(hydra_config.overrides.task))
-    settings = schema.checked(config, choices)
+    settings = schema.checked(config, choices, [] if resumed else list(hydra_config.overrides.task))
     recipe = settings.env.recipe()
     rollouts = recipe.rollouts(**vars(settings.rollout))
     limits = _limits(settings, rollouts)
@@ -164,7 +165,8 @@ def _algorithm(
     except (UnsupportedSpaceError, ValueError, TypeError) as error:
         sections = {"policy": settings.policy, "algo": settings.algo}
         keys = {key.name: f"{section}." for section, values in sections.items() for key in fields(values)}
-        raise RunError(keys.get(str(error).partition(" ")[0], "") + str(error)) from error
+        setting = re.split("[ .]", str(error), maxsplit=1)[0]  # baseline, of baseline.optimizer_options
+        raise RunError(keys.get(setting, "") + str(error)) from error
 
 
 def _hyperparameters(config: DictConfig) -> dict[str, Any]:
@@ -219,6 +221,8 @@ def _one_line(error: Exception) -> str:
     if "Config search path:" in lines:
         lines = lines[: lines.index("Config search path:")]
     where = [line.removeprefix("full_key: ") for line in lines if line.startswith("full_key: ")]
+    if renamed := [words for key in where if (words := renaming(key))]:
+        return renamed[0]
     noise = ("To append to", "full_key: ", "reference_type=", "object_type=", "See https:")
     said = [line for line in lines if line and not line.startswith(noise) and not line.endswith("_schema")]
     return ": ".join(line.rstrip(".:") for line in (said if cause else where + said))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -35,12 +35,16 @@ class Head(ABC):
     Attributes:
         n_outputs: How many numbers the network has to give.
         action_size: Numbers in one action; actions are ``(..., action_size)``.
-        draws: Uniform numbers that sampling one action uses up.
+        draws: Uniform numbers that sampling one action uses up; 0 for a head that does not sample.
+        has_variance: Whether the actions have a variance, by which eligibilities can be scaled.
+        is_discrete: Whether the actions are choices, which have probabilities.
     """
 
     n_outputs: int
     action_size: int
     draws: int
+    has_variance: ClassVar[bool] = False
+    is_discrete: ClassVar[bool] = False
 
     @property
     def echo_size(self) -> int:
@@ -154,6 +158,8 @@ class Categorical(Head):
         sizes: The number of choices of each discrete action.
     """
 
+    is_discrete = True
+
     def __init__(self, sizes: Sequence[int]) -> None:
         if not sizes or min(sizes) < 1:
             raise ValueError(f"a categorical head needs one positive size or more, got {tuple(sizes)}")
@@ -232,28 +238,28 @@ class Categorical(Head):
         )
         return torch.from_numpy(eligibilities).view(outputs.shape), torch.from_numpy(entropy).view(weights.shape)
 
-    def backpropagate(
+    def through_readout(
         self,
         layer: tuple[Tensor, Tensor | None],
         features: Tensor,
         actions: NDArray[np.float32],
         weights: NDArray[np.float32],
         bonus: NDArray[np.float32] | None = None,
-    ) -> tuple[Tensor, NDArray[np.float32]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """``eligibilities``, backpropagated through the linear layer that makes the outputs, in one compiled pass.
 
         All arrays are float32 and C-contiguous.
 
         Args:
-            layer: Its weights ``(K, H)``, from H features to the K outputs, and its bias ``(K,)``, if it has one; their
-                ``grad`` is set, if they learn.
-            features: ``(T, B, H)``.
+            layer: Weights ``(K, H)``, from H features to the K outputs, and bias ``(K,)`` or None.
+            features: Input of the layer, ``(T, B, H)``.
             actions: ``(T, B, action_size)``.
-            weights: ``(T, B)``, that each step's eligibilities are multiplied by.
-            bonus: ``(T, B)``, by which the derivatives of the entropy are multiplied and then added; None for none.
+            weights: Factor ``(T, B)`` of each step's eligibilities.
+            bonus: Factor ``(T, B)`` of the entropy's derivatives, which are then added; None for none.
 
         Returns:
-            The derivatives by the features, ``(T, B, H)``, and the entropy ``(T, B)``.
+            The derivatives by the features ``(T, B, H)``, by the weights ``(K, H)`` and by the bias ``(K,)``; and the
+            entropy ``(T, B)`` in nats.
         """
         weight = layer[0].detach().numpy()
         bias = np.zeros(len(weight), np.float32) if layer[1] is None else layer[1].detach().numpy()
@@ -264,10 +270,7 @@ class Categorical(Head):
         softmax_gradient(
             *(self._sizes, weight, bias, seen, actions, weights, extra, by_features, by_weight, by_bias, entropy)
         )
-        for parameter, gradient in zip(layer, (by_weight, by_bias), strict=True):
-            if parameter is not None and parameter.requires_grad:
-                parameter.grad = torch.from_numpy(gradient)
-        return torch.from_numpy(by_features), entropy
+        return by_features, by_weight, by_bias, entropy
 
     @override
     def fisher(self, outputs: Tensor, changes: Tensor) -> Tensor:
@@ -299,6 +302,8 @@ class Gaussian(Head):
     Args:
         size: Dimension of the action.
     """
+
+    has_variance = True
 
     def __init__(self, size: int) -> None:
         if size < 1:

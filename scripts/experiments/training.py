@@ -103,4 +103,4 @@ def compose(overrides: tuple[str, ...]) -> Settings:
     choices = dict(config.hydra.runtime.choices)
     with open_dict(config):
         del config["hydra"]
-    return Settings(choices["algo"], schema.checked(config, choices))
+    return Settings(choices["algo"], schema.checked(config, choices, overrides))
