@@ -11,6 +11,8 @@ from omegaconf import DictConfig
 
 import dpsearch.train  # noqa: F401  # registers the schemas
 from dpsearch.algos import RPGConfig
+from dpsearch.algos.baselines.constant import ConstantConfig
+from dpsearch.algos.baselines.history import HistoryConfig
 from dpsearch.config import ALGOS, ENVS, TrainConfig, checked
 from dpsearch.envs import TORCS, Track
 from dpsearch.policies import PolicyConfig
@@ -24,7 +26,7 @@ def composed(*overrides: str) -> TrainConfig:
         config = compose("train", overrides=list(overrides), return_hydra_config=True)
         choices = dict(config.hydra.runtime.choices)
         assert isinstance(config, DictConfig)
-        return checked(DictConfig({key: config[key] for key in config if key != "hydra"}), choices)
+        return checked(DictConfig({key: config[key] for key in config if key != "hydra"}), choices, overrides)
 
 
 def test_the_default_is_the_thesis_s_way_to_learn_the_tmaze() -> None:
@@ -66,6 +68,41 @@ def test_options_of_an_optimizer_need_no_plus_sign() -> None:
     config = composed("algo.optimizer_options.momentum=0.9")
     assert config.algo.optimizer_options == {"momentum": 0.9}
     assert composed("algo=lrwr", "algo.optimizer_options={momentum: 0.9}").algo.optimizer_options == {"momentum": 0.9}
+
+
+GYM = ("env=gym", "env.id=CartPole-v1")  # where RPG has a history baseline with five steps
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        (["algo.baseline=history"], HistoryConfig()),
+        (["algo.baseline.kind=history", "algo.baseline.cells=8"], HistoryConfig(cells=8)),
+        (["algo.baseline={kind: history, cells: 8}"], HistoryConfig(cells=8)),
+        ([*GYM], HistoryConfig(steps=5)),
+        ([*GYM, "algo.baseline=history"], HistoryConfig()),
+        ([*GYM, "algo.baseline.cells=8"], HistoryConfig(cells=8, steps=5)),
+        ([*GYM, "algo.baseline.kind=constant"], ConstantConfig()),
+        ([*GYM, "algo.baseline.kind=constant", "algo.baseline.episodes=9"], ConstantConfig(9)),
+        ([*GYM, "algo.baseline={kind: constant, episodes: 9}"], ConstantConfig(9)),
+    ],
+)
+def test_a_baseline_that_the_user_chooses_takes_no_settings_of_the_one_in_a_file(
+    overrides: list[str], expected: object
+) -> None:
+    assert composed(*overrides).algo.baseline == expected
+
+
+@pytest.mark.parametrize("given", ["algo.baseline.steps=5", "algo.baseline={steps: 5}", "++algo.baseline.steps=5"])
+def test_a_setting_that_the_user_gives_to_another_baseline_is_refused(given: str) -> None:
+    with pytest.raises(RunError, match=r"^algo\.baseline\.steps is no setting of the constant baseline, which takes"):
+        composed(*GYM, "algo.baseline.kind=constant", given)
+
+
+def test_a_setting_that_no_baseline_has_is_refused_from_files_too() -> None:
+    config = DictConfig({"algo": {"baseline": {"kind": "constant", "cels": 8}}})
+    with pytest.raises(RunError, match=r"^algo\.baseline\.cels is no setting of the constant baseline"):
+        checked(config, {"algo": "rpg", "env": "tmaze"})
 
 
 @pytest.mark.parametrize("name", ["SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"])

@@ -13,35 +13,18 @@ from omegaconf import open_dict
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
+from dpsearch.algos.baselines.base import BaselineConfig
 from dpsearch.rollout import Rollouts
 
-# Settings that came after the first logs of runs, with what had been meant before: they count if they differ.
+# Settings of environments and policies that came after the first logs of runs: they count if they differ from these.
 LATER: dict[str, Any] = {
     "readout": True,
-    "mirror": None,
     "previous_action": False,
-    "learning_rate_halflife": None,
-    "trace": 1.0,
-    "normalise_advantages": False,
-    "entropy_bonus": 0.0,
-    "entropy_halflife": None,
-    "imitated_steps": None,
     "wrong_turn_reward": -0.1,
     "slips": "sideways",
     "minus_reward": -1.0,
-    "baseline_cells": 10,
-    "baseline_optimizer": "Adam",
-    "baseline_learning_rate": 0.01,
-    "baseline_optimizer_options": {},
-    "baseline_steps": 1,
-    "natural_step": None,
-    "damping": 0.01,
-    "restart_episodes": None,
-    "restart_gain": 0.0,
-    "update_steps": None,
     "init_std": None,
     "noise_memory": 0.0,
-    "advantage_memory": 0.98,
     "reward": "speed",
 }
 
@@ -66,7 +49,7 @@ class Settings:
             return {k: v for k, v in asdict(settings).items() if k not in LATER or v != LATER[k]}
 
         parts = {
-            "algo": [self.algo, counted(config.algo)],
+            "algo": [self.algo, _differing(config.algo)],
             "env": counted(config.env),
             "policy": counted(config.policy),
             "limits": [config.total_steps, config.total_episodes, config.total_updates],
@@ -92,6 +75,13 @@ class Settings:
         """The arguments of ``Algorithm.learn`` that end a run which does not succeed."""
         config = self.config
         return {name: getattr(config, name) for name in ("total_steps", "total_episodes", "total_updates")}
+
+
+def _differing(settings: Any) -> dict[str, Any]:
+    """Settings that differ from the defaults of their class: a new setting changes no fingerprint."""
+    given, defaults = vars(settings), vars(type(settings)())
+    parts = {k: {"kind": v.kind, **_differing(v)} if isinstance(v, BaselineConfig) else v for k, v in given.items()}
+    return {k: v for k, v in parts.items() if given[k] != defaults[k]}
 
 
 @cache

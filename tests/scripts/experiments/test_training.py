@@ -1,4 +1,8 @@
-from dpsearch.algos import RPG
+from dataclasses import dataclass, replace
+
+import pytest
+
+from dpsearch.algos import RPG, RPGConfig
 from scripts.experiments.training import compose
 
 TINY = ("algo=rpg", "env=tmaze", "env.corridor_length=1")
@@ -20,15 +24,22 @@ def test_a_fingerprint_tells_settings_apart_but_not_where_the_run_is_kept() -> N
     assert len({first, *(compose((*TINY, other)).fingerprint() for other in others)}) == 5
 
 
-def test_runs_that_were_logged_before_a_setting_existed_are_found() -> None:
-    long = ("algo=rpg", "env=tmaze", "env.corridor_length=10", "total_steps=20000000")
-    assert compose(long).fingerprint() == "7b1cb480862f55aa"
-    assert (
-        compose(
-            (
-                *long,
-                "policy.readout=false",
-            )
-        ).fingerprint()
-        != compose(long).fingerprint()
-    )
+def test_a_setting_that_is_new_changes_no_fingerprint_until_it_is_given() -> None:
+    @dataclass
+    class Longer(RPGConfig):
+        patience: int = 3
+
+    settings = compose((*TINY, "algo.baseline.kind=history"))
+    given = vars(settings.config.algo)
+
+    def fingerprint(algo: Longer) -> str:
+        return replace(settings, config=replace(settings.config, algo=algo)).fingerprint()
+
+    assert fingerprint(Longer(**given)) == settings.fingerprint()
+    assert fingerprint(Longer(**{**given, "patience": 4})) != settings.fingerprint()
+
+
+@pytest.mark.parametrize("other", ["algo.baseline.kind=shared", "algo.baseline.cells=8", "algo.batch_size=21"])
+def test_a_fingerprint_tells_baselines_and_their_settings_apart(other: str) -> None:
+    history = (*TINY, "algo.baseline.kind=history")
+    assert compose((*history, other)).fingerprint() != compose(history).fingerprint()
