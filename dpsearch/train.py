@@ -221,8 +221,11 @@ def _one_line(error: Exception) -> str:
     if "Config search path:" in lines:
         lines = lines[: lines.index("Config search path:")]
     where = [line.removeprefix("full_key: ") for line in lines if line.startswith("full_key: ")]
-    if renamed := [words for key in where if (words := renaming(key))]:
-        return renamed[0]
+    for key in where:
+        if words := renaming(key):
+            return words
+        if key.startswith("algo.baseline."):
+            return f"{key} needs algo.baseline.kind=KIND: algo.baseline=KIND is a kind with its default settings"
     noise = ("To append to", "full_key: ", "reference_type=", "object_type=", "See https:")
     said = [line for line in lines if line and not line.startswith(noise) and not line.endswith("_schema")]
     return ": ".join(line.rstrip(".:") for line in (said if cause else where + said))
