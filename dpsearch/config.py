@@ -23,15 +23,18 @@ from typing import Any, ClassVar
 
 import hydra
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from dpsearch.algos import ALGORITHMS
+from dpsearch.algos.baselines import left_behind
 from dpsearch.algos.settings import require
 from dpsearch.options import dataclass_of
 from dpsearch.policies import PolicyConfig
 from dpsearch.pomdp.file_format.reader import read_discount
 from dpsearch.pomdp.file_format.tokens import PomdpFileError
+from dpsearch.renamed import renaming
 from dpsearch.runs import EnvRecipe, RunError
 
 
@@ -202,7 +205,6 @@ def register() -> None:
     section is open while the configuration is composed, and checked once it is: ``completed``.
     """
     OmegaConf.register_new_resolver("pomdp_discount", _pomdp_discount, replace=True)
-    OmegaConf.register_new_resolver("mirror_signs", _mirror_signs, replace=True)
     run = OmegaConf.to_container(OmegaConf.structured(TrainConfig))
     assert isinstance(run, dict)
     node = OmegaConf.create({**run, **{section: {} for section in SECTIONS}})
@@ -217,13 +219,6 @@ def _pomdp_discount(*, _parent_: DictConfig) -> float:
         return 1.0 if OmegaConf.is_missing(_parent_, "path") else read_discount(_parent_.path)
     except PomdpFileError:
         return 1.0
-
-
-def _mirror_signs(observations: list[str], speed_profile: Any) -> list[float] | None:
-    """Of a car's observations and actions."""
-    from dpsearch.envs.driving.rules import mirror_signs
-
-    return mirror_signs(observations, pedals=speed_profile is None)
 
 
 def compose(overrides: Sequence[str]) -> tuple[DictConfig, dict[str, str]]:
@@ -244,12 +239,14 @@ def compose(overrides: Sequence[str]) -> tuple[DictConfig, dict[str, str]]:
     return config, choices
 
 
-def completed(config: DictConfig, choices: Mapping[str, str]) -> DictConfig:
+def completed(config: DictConfig, choices: Mapping[str, str], overrides: Sequence[str] = ()) -> DictConfig:
     """A configuration with every setting of the run, each of its type; those that name files are absolute.
 
     Args:
-        config: The composed configuration, or a saved one.
+        config: The composed configuration, or a saved one. Settings of another baseline than the one chosen, which
+            remain where files or overrides choose it anew, are dropped from it.
         choices: The option chosen of each group.
+        overrides: The user's own, whose settings are kept, to be refused if they do not fit.
 
     Raises:
         RunError: If there is no such algorithm, environment or setting.
@@ -260,6 +257,7 @@ def completed(config: DictConfig, choices: Mapping[str, str]) -> DictConfig:
     env_id = OmegaConf.select(config, "env.id")
     env = GymConfig if choices["env"] == "gym" or env_id is None else env_config(env_id)
     kinds = {"algo": ALGORITHMS[choices["algo"]].config_type, "env": env}
+    _drop_left_behind(config, overrides)
     given = OmegaConf.to_container(config)
     assert isinstance(given, dict)
     _refuse_unknown(given, TrainConfig)
@@ -276,9 +274,11 @@ def completed(config: DictConfig, choices: Mapping[str, str]) -> DictConfig:
 
 
 def _refuse_unknown(given: Mapping[Any, Any], kind: type[Any], section: str = "") -> None:
-    for name in given:
+    for name, value in given.items():
         if name not in (names := [setting.name for setting in fields(kind)]):
             raise RunError(unknown(str(name), names, section))
+        if words := renaming(f"{section}.{name}={value}"):
+            raise RunError(words)
 
 
 def unknown(name: str, names: Sequence[str], section: str = "") -> str:
@@ -289,9 +289,11 @@ def unknown(name: str, names: Sequence[str], section: str = "") -> str:
         names: The settings that exist.
         section: Where it was looked for; empty for the run itself.
     """
+    where = f"{section}." if section else ""
+    if words := renaming(f"{where}{name}"):
+        return words
     similar = get_close_matches(name, names, n=1)
     hint = f"did you mean {similar[0]}?" if similar else f"there are {', '.join(names)}"
-    where = f"{section}." if section else ""
     return f"{where}{name} is not a setting{f' of {section}' if section else ''}: {hint}"
 
 
@@ -316,3 +318,17 @@ def checked(config: DictConfig) -> TrainConfig:
             raise RunError(str(error) if section is None else f"{section}.{error}") from error
     assert isinstance(settings, TrainConfig)
     return settings
+
+
+def _drop_left_behind(config: DictConfig, overrides: Sequence[str]) -> None:
+    """Drop from ``algo.baseline`` the settings of other kinds, except those that the user gave."""
+    baseline = OmegaConf.select(config, "algo.baseline")
+    if not isinstance(baseline, DictConfig):
+        return
+    given: set[str] = set()
+    for override in OverridesParser.create().parse_overrides(list(overrides)):
+        key, value = override.key_or_group, override.value()
+        given |= {str(name) for name in value} if key == "algo.baseline" and isinstance(value, dict) else {key}
+    own = {key.removeprefix("algo.baseline.") for key in given}
+    for name in left_behind({str(key): baseline[key] for key in baseline}, own):
+        del baseline[name]

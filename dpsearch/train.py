@@ -29,6 +29,7 @@ from dpsearch.config import TrainConfig
 from dpsearch.files import CheckpointError
 from dpsearch.help import page
 from dpsearch.policies import UnsupportedSpaceError
+from dpsearch.renamed import renaming
 from dpsearch.rollout import EnvironmentFailedError, Rollouts
 from dpsearch.runs import EnvRecipe, Limits, Run, RunDirectory, RunError
 
@@ -77,7 +78,8 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         choices = dict(hydra_config.runtime.choices)
     else:
         config, choices = _saved(resumed, config, list(hydra_config.overrides.task))
-    config = schema.completed(config, choices)
+    overrides = [] if resumed else list(hydra_config.overrides.task)
+    config = schema.completed(config, choices, overrides)
     settings = schema.checked(config)
     recipe = settings.env.recipe()
     rollouts = _rollouts(recipe, settings)
@@ -169,7 +171,8 @@ def _in_full(error: BaseException, **sections: Any) -> str:
     """An error's message; if it begins with the name of a setting in one of the sections, with its full name."""
     message = str(error)
     keys = {key.name: f"{section}." for section, values in sections.items() for key in fields(values)}
-    return keys.get(message.partition(" ")[0], "") + message
+    setting = re.split("[ .]", message, maxsplit=1)[0]  # baseline, of baseline.optimizer_options
+    return keys.get(setting, "") + message
 
 
 def _algorithm(
@@ -241,6 +244,11 @@ def _one_line(error: Exception) -> str:
     if "Config search path:" in lines:
         lines = lines[: lines.index("Config search path:")]
     where = [line.removeprefix("full_key: ") for line in lines if line.startswith("full_key: ")]
+    for key in where:
+        if words := renaming(key):
+            return words
+        if key.startswith("algo.baseline."):
+            return f"{key} needs algo.baseline.kind=KIND: algo.baseline=KIND is a kind with its default settings"
     noise = ("To append to", "full_key: ", "reference_type=", "object_type=", "See https:")
     said = [line for line in lines if line and not line.startswith(noise)]
     return ": ".join(line.rstrip(".:") for line in (said if cause else where + said))

@@ -10,6 +10,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dpsearch.algos import ALGORITHMS, RPGConfig
+from dpsearch.algos.baselines.constant import ConstantConfig
+from dpsearch.algos.baselines.history import HistoryConfig
 from dpsearch.config import TrainConfig, checked, completed, compose
 from dpsearch.envs import TORCS, Tiger, Track
 from dpsearch.options import options_of
@@ -22,7 +24,7 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 
 
 def composed(*overrides: str) -> TrainConfig:
-    return checked(completed(*compose(overrides)))
+    return checked(completed(*compose(overrides), overrides))
 
 
 def test_the_default_is_the_thesis_s_way_to_learn_the_tmaze() -> None:
@@ -64,6 +66,42 @@ def test_options_of_an_optimizer_need_no_plus_sign() -> None:
     config = composed("algo.optimizer_options.momentum=0.9")
     assert config.algo.optimizer_options == {"momentum": 0.9}
     assert composed("algo=lrwr", "algo.optimizer_options={momentum: 0.9}").algo.optimizer_options == {"momentum": 0.9}
+
+
+GYM = ("env=gym", "env.id=CartPole-v1")  # where RPG has a history baseline with five steps
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        (["algo.baseline=history"], HistoryConfig()),
+        (["algo.baseline.kind=history", "algo.baseline.cells=8"], HistoryConfig(cells=8)),
+        (["algo.baseline={kind: history, cells: 8}"], HistoryConfig(cells=8)),
+        ([*GYM], HistoryConfig(steps=5)),
+        ([*GYM, "algo.baseline=history"], HistoryConfig()),
+        ([*GYM, "algo.baseline.cells=8"], HistoryConfig(cells=8, steps=5)),
+        ([*GYM, "algo.baseline.kind=constant"], ConstantConfig()),
+        ([*GYM, "algo.baseline.kind=constant", "algo.baseline.episodes=9"], ConstantConfig(9)),
+        ([*GYM, "algo.baseline={kind: constant, episodes: 9}"], ConstantConfig(9)),
+    ],
+)
+def test_a_baseline_that_the_user_chooses_takes_no_settings_of_the_one_in_a_file(
+    overrides: list[str], expected: object
+) -> None:
+    assert composed(*overrides).algo.baseline == expected
+
+
+@pytest.mark.parametrize("given", ["algo.baseline.steps=5", "algo.baseline={steps: 5}", "++algo.baseline.steps=5"])
+def test_a_setting_that_the_user_gives_to_another_baseline_is_refused(given: str) -> None:
+    with pytest.raises(RunError, match=r"^algo\.baseline\.steps is no setting of the constant baseline, which takes"):
+        composed(*GYM, "algo.baseline.kind=constant", given)
+
+
+def test_a_setting_that_no_baseline_has_is_refused_from_files_too() -> None:
+    config, choices = compose(())
+    config.algo.baseline = {"kind": "constant", "cels": 8}
+    with pytest.raises(RunError, match=r"^algo\.baseline\.cels is no setting of the constant baseline"):
+        checked(completed(config, choices))
 
 
 @pytest.mark.parametrize("name", ["SinglePole", "SinglePoleHidden", "DoublePole", "DoublePoleHidden"])

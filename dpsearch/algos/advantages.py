@@ -1,4 +1,4 @@
-"""How much better than expected it went from each step on, and how much that usually is."""
+"""Advantages, the returns less the baseline: smoothed over time, and scaled by their usual size."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def generalised_advantages(
 
     Args:
         episodes: N episodes of up to T steps.
-        surprises: R_t - b ``(T, N)``, which the estimates are for a trace of 1.
+        surprises: R_t - b ``(T, N)``; with a trace of 1 these are the estimates.
         gamma: Discount factor of the returns R_t.
         trace: Lambda, in [0, 1].
 
     Returns:
-        ``(T, N)``.
+        Advantages, ``(T, N)``.
     """
     if trace == 1.0:
         return surprises
@@ -33,10 +33,10 @@ def generalised_advantages(
 
 
 class RunningScale:
-    """Root mean square of the advantages of the last batch and, less and less, those before.
+    """Running root mean square of the advantages.
 
     Args:
-        memory: What part of it is left after a batch, in (0, 1]; 1 for the mean over all batches.
+        memory: Decay from batch to batch, in (0, 1]; 1 averages over all batches.
     """
 
     def __init__(self, memory: float) -> None:
@@ -44,21 +44,21 @@ class RunningScale:
         self._mean_square, self._batches = 0.0, 0
 
     def note(self, advantages: NDArray[np.floating[Any]]) -> None:
-        """Take in those of a batch, ``(M,)``."""
+        """Note the advantages ``(M,)`` of a batch."""
         self._batches += 1
         share = 1.0 / self._batches if self._memory == 1.0 else 1.0 - self._memory
         self._mean_square += share * (float(np.square(advantages).mean()) - self._mean_square)
 
     @property
     def value(self) -> float:
-        """The scale, after a batch at least."""
-        counted = 1.0 if self._memory == 1.0 else 1.0 - self._memory**self._batches  # it begins with 0
+        """The scale, once a batch was noted."""
+        counted = 1.0 if self._memory == 1.0 else 1.0 - self._memory**self._batches  # the mean square starts at 0
         return max(math.sqrt(self._mean_square / counted), 1e-8)
 
     def state_dict(self) -> dict[str, Any]:
-        """All that it remembers."""
+        """Everything that later scales depend on."""
         return {"mean_square": self._mean_square, "batches": self._batches}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Remember what it did when ``state_dict`` was taken."""
+        """Continue from where ``state_dict`` was taken."""
         self._mean_square, self._batches = state["mean_square"], state["batches"]

@@ -1,4 +1,4 @@
-"""What all algorithms share: an environment's rollouts, a policy, counters, learn, predict, save and load."""
+"""The base class of all algorithms: rollouts, a policy and counters; learn, predict, evaluate, save and load."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.policies.observations import flattener
 from dpsearch.policies.spaces import to_env_actions
+from dpsearch.renamed import renaming
 from dpsearch.rollout import EnvSource, Episodes, Rollouts, make_rollouts
 
 TRAINING, EVALUATION, WEIGHTS, SOLVING, BASELINE = 1, 2, 3, 4, 6  # purposes of a seed's streams
@@ -33,11 +34,11 @@ ConfigT = TypeVar("ConfigT")
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a policy achieves over E episodes.
+    """Returns and lengths of E evaluation episodes.
 
     Attributes:
-        returns: ``(E,)`` undiscounted.
-        lengths: ``(E,)`` steps.
+        returns: Undiscounted return of each episode, ``(E,)``.
+        lengths: Steps of each episode, ``(E,)``.
     """
 
     returns: NDArray[np.float64]
@@ -61,7 +62,7 @@ class Evaluation:
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Let torch use one thread: the fastest at the sizes of a small controller, and sums that do not depend on more."""
+    """Make torch use one thread: fastest for small networks, and sums then do not depend on the number of threads."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -86,13 +87,20 @@ class Algorithm(ABC, Generic[ConfigT]):
         max_episode_steps: Step limit of an episode, in place of the environment's own.
         **overrides: Single settings of ``config``, by name.
 
+    Attributes:
+        parts: Names of attributes whose ``state_dict`` a checkpoint holds; one that is None has none.
+        values: Names of attributes that a checkpoint holds as they are.
+
     Raises:
         ValueError: If a setting is out of range, or the environment is unknown or refuses its arguments.
+        TypeError: If there is no such setting.
         UnsupportedSpaceError: If no policy can handle the environment's spaces.
     """
 
     name: ClassVar[str]
     config_type: ClassVar[type[Any]]
+    parts: ClassVar[tuple[str, ...]] = ("policy",)
+    values: ClassVar[tuple[str, ...]] = ("updates", "episodes", "env_steps", "solved")
     deterministic_policy: ClassVar[bool] = False
     default_policy: ClassVar[PolicyConfig] = PolicyConfig()
 
@@ -108,6 +116,9 @@ class Algorithm(ABC, Generic[ConfigT]):
         max_episode_steps: int | None = None,
         **overrides: Any,
     ) -> None:
+        for name in overrides:
+            if words := renaming(f"algo.{name}"):
+                raise TypeError(words)
         settings: Any = self.config_type() if config is None else config
         self.config: ConfigT = dataclasses.replace(settings, **overrides)
         self.seed = seed
@@ -152,13 +163,13 @@ class Algorithm(ABC, Generic[ConfigT]):
 
     @property
     def nothing_is_random(self) -> bool:
-        """Whether all episodes of one policy are alike, as far as one can tell: nothing draws a number."""
+        """Whether all episodes of one policy are surely alike: neither environment nor policy draws a number."""
         kernel = getattr(self.rollouts, "kernel", None)
         return kernel is not None and kernel.draws == 0 and self.policy.head.draws == 0
 
     @property
     def headline(self) -> str:
-        """How well it does, in two words or three."""
+        """Present performance in two or three words."""
         return f"return {np.mean(self.recent_returns):,.6g}" if self.recent_returns else "no episode over yet"
 
     @abstractmethod
@@ -215,10 +226,14 @@ class Algorithm(ABC, Generic[ConfigT]):
         if not math.isfinite(sum(returns)) and not np.isfinite(episodes.returns).all():
             worst = self.episodes + int(np.argmin(np.isfinite(episodes.returns)))
             raise FloatingPointError(f"the environment paid a reward that is NaN or infinite in episode {worst}")
-        self.episodes += n_episodes
-        self.env_steps += episodes.steps
-        self.recent_returns.extend(returns)
+        self.count(returns, episodes.steps)
         return episodes
+
+    def count(self, returns: list[float], steps: int) -> None:
+        """Count environment steps of training, and the episodes that ended in them, with undiscounted ``returns``."""
+        self.episodes += len(returns)
+        self.env_steps += steps
+        self.recent_returns.extend(returns)
 
     def check_solved(self) -> bool:
         """Whether 100 evaluation episodes of the stochastic policy reach the environment's reward threshold.
@@ -307,23 +322,19 @@ class Algorithm(ABC, Generic[ConfigT]):
         self.rollouts.close()
 
     def state_dict(self) -> dict[str, Any]:
-        """All that the rest of the run depends on, as tensors and plain values."""
-        return {
-            "policy": self.policy.state_dict(),
-            "updates": self.updates,
-            "episodes": self.episodes,
-            "env_steps": self.env_steps,
-            "solved": self.solved,
-            "recent_returns": list(self.recent_returns),
-        }
+        """Everything that the rest of the run depends on, as tensors and plain values."""
+        parts = {name: part.state_dict() for name in self.parts if (part := getattr(self, name)) is not None}
+        values = {name: getattr(self, name) for name in self.values}
+        return {**parts, **values, "recent_returns": list(self.recent_returns)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on exactly where ``state_dict`` was taken."""
-        self.policy.load_state_dict(state["policy"])
-        self.updates = state["updates"]
-        self.episodes = state["episodes"]
-        self.env_steps = state["env_steps"]
-        self.solved = state["solved"]
+        """Continue exactly from where ``state_dict`` was taken."""
+        for name in self.parts:
+            part = getattr(self, name)
+            if part is not None:
+                part.load_state_dict(state[name])
+        for name in self.values:
+            setattr(self, name, state[name])
         self.recent_returns = deque(state["recent_returns"], maxlen=RECENT_EPISODES)
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -1,4 +1,4 @@
-"""The optimisers of ``torch.optim``, by name."""
+"""Optimisers of ``torch.optim`` by name, and the length of gradients."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TINY = torch.finfo(torch.float32).tiny
 
 
 class GradientDescent(torch.optim.SGD):
-    """``torch.optim.SGD`` without options, in a single call: what it makes of none takes as long as a short episode."""
+    """``torch.optim.SGD`` without options, in a single call: its bookkeeping takes as long as a short episode."""
 
     @override
     @torch.no_grad()
@@ -40,16 +40,16 @@ class GradientDescent(torch.optim.SGD):
 def make_optimizer(
     name: str, parameters: Iterable[nn.Parameter], learning_rate: float, options: dict[str, Any]
 ) -> torch.optim.Optimizer:
-    """An optimiser of these parameters.
+    """A new optimiser.
 
     Args:
         name: One of ``OPTIMIZERS``.
-        parameters: What it adjusts.
-        learning_rate: Its step size.
-        options: Its other arguments.
+        parameters: The parameters to adjust.
+        learning_rate: Step size.
+        options: Other arguments of the class.
 
     Raises:
-        ValueError: If it does not take these arguments.
+        ValueError: If the class does not take these arguments.
     """
     kind = GradientDescent if name == "SGD" and not options else getattr(torch.optim, name)
     try:
@@ -60,16 +60,22 @@ def make_optimizer(
     return optimizer
 
 
+def set_learning_rate(optimizer: torch.optim.Optimizer, learning_rate: float) -> None:
+    """Change the step size of all parameters."""
+    for group in optimizer.param_groups:
+        group["lr"] = learning_rate
+
+
 def normalise_gradient(parameters: Iterable[nn.Parameter], length: float | None, update: int) -> float:
-    """Scale the gradient of all parameters together to a length, or leave it as it is; returns the length it had.
+    """Scale the gradient of all parameters together to a length; returns the length it had.
 
     Args:
-        parameters: Whose ``grad`` it is; those without one do not count.
-        length: What it is to be; None for what it is. A gradient of length 0 stays.
-        update: Its number, for the error message.
+        parameters: Parameters, whose ``grad`` is scaled; those without ``grad`` do not count.
+        length: Length of the gradient afterwards; None leaves the gradient as it is. A gradient of length 0 stays.
+        update: Number of the update, for the error message.
 
     Raises:
-        FloatingPointError: If it is not finite.
+        FloatingPointError: If the gradient is not finite.
     """
     gradients = [g.numpy() for p in parameters if (g := p.grad) is not None]  # NumPy's calls cost less than torch's
     flat = np.concatenate(gradients, axis=None, dtype=np.float64)

@@ -42,6 +42,11 @@ class Task:
         if self.max_episode_steps < 1:
             raise ValueError(f"max_episode_steps must be at least 1, got {self.max_episode_steps}")
 
+    @property
+    def mirror_signs(self) -> tuple[float, ...] | None:
+        """The signs by which a mirror multiplies observations and actions (``symmetry.py``); None without symmetry."""
+        return None
+
     def threshold(self, limit: int) -> float | None:
         """Mean return that counts as solved if episodes last up to ``limit`` steps; None if none does."""
         return self.reward_threshold
@@ -101,6 +106,11 @@ class PlaysTask:
     def reward_threshold(self) -> float | None:
         """Mean return that counts as solved, if there is one."""
         return self.task.threshold(self.max_episode_steps)
+
+    @property
+    def mirror_signs(self) -> tuple[float, ...] | None:
+        """The signs by which a mirror multiplies observations and actions; None for no symmetry."""
+        return self.task.mirror_signs
 
     @property
     def spec(self) -> EnvSpec | None:

@@ -15,6 +15,8 @@ from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
+from dpsearch.env_kit.symmetry import mirror_signs
+
 Array: TypeAlias = NDArray[Any]
 Env: TypeAlias = gym.Env[Array, Any]
 Info: TypeAlias = dict[str, Any]
@@ -144,6 +146,14 @@ class ObserveOnly(gym.ObservationWrapper[Array, Any, Array], RecordConstructorAr
         if not distinct or not all(0 <= i < size for i in self._indices):
             raise ValueError(f"indices must be distinct and in 0 .. {size - 1}, got {self._indices}")
         self.observation_space = _box(seen.low[self._indices], seen.high[self._indices], seen.dtype)
+
+    @property
+    def mirror_signs(self) -> tuple[float, ...] | None:
+        """The signs of the components that are kept, then those of the action; None if there are none inside."""
+        signs, seen = mirror_signs(self.env), self.env.observation_space.shape
+        if signs is None or seen is None or len(signs) < seen[0]:
+            return None
+        return (*(signs[i] for i in self._indices), *signs[seen[0] :])
 
     def observation(self, observation: Array) -> Array:
         """The components that are kept."""

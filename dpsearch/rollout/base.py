@@ -6,7 +6,7 @@ An engine says how queued episodes are played, in ``play``; ``lane_engine.py`` a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -31,6 +31,8 @@ class Rollouts(ABC):
         max_steps: Step cap of an episode.
         reward_threshold: Mean return that counts as solved, or None if the environment names none.
         make_env: Makes one more environment of the kind; None for an environment that came ready made.
+        mirror_signs: The signs by which a mirror multiplies each number of a flat observation, then of an action; None
+            if the environment declares none. See ``dpsearch/env_kit/symmetry.py``.
     """
 
     observation_space: gym.Space[Any]
@@ -39,6 +41,7 @@ class Rollouts(ABC):
     max_steps: int
     reward_threshold: float | None
     make_env: Callable[[], gym.Env[Any, Any]] | None
+    mirror_signs: Sequence[float] | None = None
 
     def collect(
         self,

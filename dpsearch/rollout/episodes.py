@@ -84,6 +84,16 @@ class Episodes:
         return int(self.lengths.sum())
 
     @property
+    def count(self) -> int:
+        """Number of episodes that a mean over episodes divides by."""
+        return len(self)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether some episodes go on beyond these arrays, so that ``returns_to_go`` needs ``expected``."""
+        return False
+
+    @property
     def padded(self) -> bool:
         """Whether some episodes are shorter than others."""
         return self.steps < self.rewards.size

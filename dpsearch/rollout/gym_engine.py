@@ -56,6 +56,7 @@ class GymEngine(Rollouts):
         max_steps: Step cap of an episode.
         reward_threshold: Mean return that counts as solved, or None if the environment names none.
         make_env: Makes one more environment of the kind; None for an environment that came ready made.
+        mirror_signs: See ``Rollouts``.
         failures: Episodes so far that failed and were played again.
 
     Raises:
@@ -84,6 +85,7 @@ class GymEngine(Rollouts):
         self.action_space = self._lanes.action_space
         self.observation_size = self._lanes.observation_size
         self.reward_threshold = self._lanes.reward_threshold
+        self.mirror_signs = self._lanes.mirror_signs
         self.make_env = single_env(env, env_kwargs, max_episode_steps)
         if on_error == "retry" and (type(self._lanes) is not ScalarLanes):
             self.close()

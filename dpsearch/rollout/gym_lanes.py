@@ -9,7 +9,7 @@ here is one rule: a row that was not ``played`` belongs to no episode.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -21,6 +21,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from dpsearch.env_kit.symmetry import mirror_signs
 from dpsearch.policies.observations import UnsupportedSpaceError, flattener
 from dpsearch.policies.spaces import head_for, to_env_actions
 from dpsearch.rollout.base import EnvironmentFailedError
@@ -80,6 +81,7 @@ class GymLanes(ABC):
         observations: ``(L, O)`` float32, what each lane sees now.
         step_limit: Steps after which the environments cut an episode off, None if they do not say.
         reward_threshold: Mean return that counts as solved, None if they do not say.
+        mirror_signs: Signs by which a mirror multiplies observations and actions, None if they do not say.
         restarts: Whether ``restart`` can begin an episode anywhere and at any time.
         failures: Lanes whose environment failed in the last call, each with the exception: it raised, or it showed or
             paid something of a wrong shape. Only single environments are told apart; other failures are raised.
@@ -92,6 +94,7 @@ class GymLanes(ABC):
     observations: NDArray[np.float32]
     step_limit: int | None
     reward_threshold: float | None
+    mirror_signs: Sequence[float] | None
     restarts: bool
 
     def __init__(self, observation_space: gym.Space[Any], action_space: gym.Space[Any]) -> None:
@@ -150,6 +153,7 @@ class ScalarLanes(GymLanes):
             raise
         self.step_limit = step_limit(env)
         self.reward_threshold = reward_threshold(env)
+        self.mirror_signs = mirror_signs(env)
 
     def width(self, n_episodes: int) -> int:
         """As many lanes as episodes, up to the capacity."""
@@ -241,6 +245,7 @@ class VectorLanes(GymLanes):
         self._over = np.zeros(env.num_envs, np.bool_)  # the lanes that the next step will not play
         self.step_limit = step_limit(env)
         self.reward_threshold = reward_threshold(env)
+        self.mirror_signs = mirror_signs(env)
 
     def width(self, n_episodes: int) -> int:
         """All lanes: they cannot be stepped without one another."""

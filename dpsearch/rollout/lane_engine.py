@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cache, cached_property
@@ -52,6 +52,7 @@ class LaneEngine(Rollouts):
         action_space: The environment's own, of a single environment.
         reward_threshold: Mean return that counts as solved, or None if the environment names none.
         make_env: Makes one more environment of the kind; None if what there is came ready.
+        mirror_signs: See ``Rollouts``.
     """
 
     kernel: EnvKernel
@@ -62,6 +63,7 @@ class LaneEngine(Rollouts):
     action_space: gym.Space[Any]
     reward_threshold: float | None = None
     make_env: Callable[[], gym.Env[Any, Any]] | None = None
+    mirror_signs: Sequence[float] | None = None
     _pool: ThreadPoolExecutor | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:

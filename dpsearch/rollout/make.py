@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
+from dpsearch.env_kit.symmetry import mirror_signs
 from dpsearch.kernels.lanes import EnvKernel
 from dpsearch.rollout.base import Rollouts
 from dpsearch.rollout.gym_engine import GymEngine, OnError
@@ -94,6 +95,7 @@ def _compiled(env: Env | VectorEnv, threads: int, max_episode_steps: int | None)
         observation_space=spaces[0],
         action_space=spaces[1],
         reward_threshold=own_threshold(limit) if own_threshold else reward_threshold(env),
+        mirror_signs=mirror_signs(env),
     )
 
 

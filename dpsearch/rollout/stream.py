@@ -59,6 +59,16 @@ class Pieces(Episodes):
 
     @property
     @override
+    def count(self) -> int:
+        return 1  # one sum over all steps of the stream
+
+    @property
+    @override
+    def goes_on(self) -> bool:
+        return not bool(self.terminated.all())
+
+    @property
+    @override
     def seen(self) -> NDArray[np.int64]:
         return self.lengths + ~self.terminated
 

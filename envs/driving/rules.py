@@ -71,7 +71,7 @@ class Scale(NamedTuple):
         mean: Mean of the quantity under a decent driver over the thesis's speed profile.
         deviation: Standard deviation of the quantity under that driver.
         size: Number of numbers in the quantity.
-        mirrored: By what a mirror multiplies it; None for numbers that change places in it.
+        mirrored: The sign by which a mirror multiplies it; None for numbers that change places in a mirror.
     """
 
     mean: float
@@ -94,21 +94,6 @@ OBSERVATIONS: Final[Mapping[str, Scale]] = {
 tracks. On TORCS' e-track-1 and g-track-2, from 10 to 70 km/h, the thesis's four have means from 0.0 to 0.2, deviations
 from 0.7 to 1.2 under the same hand. A steady one stays nearer to the middle: positions deviate by 0.2 to 0.4."""
 THESIS_OBSERVATIONS: Final = ("speed", "steering", "position", "lookahead")
-
-
-def mirror_signs(observations: Sequence[str], *, pedals: bool) -> list[float] | None:
-    """By what a mirror multiplies each number that is seen, and then each of the action.
-
-    Args:
-        observations: Names of what is seen.
-        pedals: Whether there is more to do than to steer.
-
-    Returns:
-        As ``algo.mirror`` takes them; None if something seen has no sign, as rays or an unknown name.
-    """
-    seen = [OBSERVATIONS[name].mirrored if name in OBSERVATIONS else None for name in observations]
-    signs = [sign for sign in seen if sign is not None]
-    return [*signs, -1.0, *[1.0] * pedals] if len(signs) == len(seen) else None
 
 
 @dataclass(frozen=True)
@@ -179,6 +164,14 @@ class Rules:
     def action_space(self) -> spaces.Box:
         """Space of actions: steering, and the pedals if there is no profile."""
         return spaces.Box(-1.0, 1.0, (2 if self.profile is None else 1,), np.float32)
+
+    @property
+    def mirror_signs(self) -> tuple[float, ...] | None:
+        """The signs by which a mirror multiplies each number observed, then steering and pedals; None with rays."""
+        seen = [OBSERVATIONS[name].mirrored for name in self.observations]
+        signs = [sign for sign in seen if sign is not None]
+        pedals = self.profile is None
+        return (*signs, -1.0, *[1.0] * pedals) if len(signs) == len(seen) else None
 
     def target_speed(self, driven_steps: int) -> float:
         """Speed to be held (km/h) after so many steps; with pedals the speed at which episodes start."""

@@ -84,6 +84,12 @@ class TrackTask(Task):
     car: Car
     rules: Rules
 
+    @property
+    @override
+    def mirror_signs(self) -> tuple[float, ...] | None:
+        """Those of the rules."""
+        return self.rules.mirror_signs
+
     @override
     def hidden(self, states: NDArray[np.float64]) -> NDArray[Any]:
         """The car's motion, without the rows that are kept for the rules."""

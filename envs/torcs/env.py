@@ -130,6 +130,11 @@ class TORCS(gym.Env[NDArray[Any], Any]):
         self._road: NDArray[np.float64] | None = None
         self._trace: list[tuple[float, float]] = []
 
+    @property
+    def mirror_signs(self) -> tuple[float, ...] | None:
+        """The signs by which a mirror multiplies observations and actions; None if there are rays among them."""
+        return self.rules.mirror_signs
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:

@@ -68,14 +68,14 @@ def driving(repeats: int) -> list[Measurement]:
 def _play(players: Sequence[RPG], repeats: int) -> list[list[float]]:
     """Steps a core-second that each one plays, in each repetition; they take turns."""
     for player in players:
-        player.play_batch(player.batch_size)  # loads or compiles code at first use
+        player.play_batch(player.config.batch_size)  # loads or compiles code at first use
     speeds: list[list[float]] = [[] for _ in players]
     for _ in _rounds(repeats):
         for player, speed in zip(players, speeds, strict=True):
             steps, seconds = 0, 0.0
             while seconds < SAMPLE_SECONDS:
                 start = process_time()
-                episodes = player.play_batch(player.batch_size)
+                episodes = player.play_batch(player.config.batch_size)
                 seconds += process_time() - start
                 steps += episodes.steps
             speed.append(steps / seconds)
@@ -150,7 +150,7 @@ def walker(corridor: int, batch: int, *, straight: bool) -> RPG:
 def next_batch(algorithm: RPG) -> Episodes:
     """The episodes that the next update will play again."""
     return algorithm.rollouts.collect(
-        algorithm.policy, algorithm.batch_size, key=algorithm.training_key, first_episode=algorithm.episodes
+        algorithm.policy, algorithm.config.batch_size, key=algorithm.training_key, first_episode=algorithm.episodes
     )
 
 

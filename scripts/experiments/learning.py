@@ -117,6 +117,7 @@ class GoalCounter(Rollouts):
         self.max_steps = rollouts.max_steps
         self.reward_threshold = rollouts.reward_threshold
         self.make_env = rollouts.make_env
+        self.mirror_signs = rollouts.mirror_signs
 
     @property
     def succeeds(self) -> bool:

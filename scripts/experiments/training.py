@@ -79,4 +79,4 @@ def differences(settings: Any) -> dict[str, Any]:
 def compose(overrides: tuple[str, ...]) -> Settings:
     """The configuration that ``train.py`` would have with the same overrides."""
     config, choices = schema.compose(overrides)
-    return Settings(choices["algo"], schema.checked(schema.completed(config, choices)))
+    return Settings(choices["algo"], schema.checked(schema.completed(config, choices, overrides)))

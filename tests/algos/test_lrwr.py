@@ -14,7 +14,8 @@ from gymnasium import spaces
 
 from dpsearch.algos import LRWR, LRWRConfig
 from dpsearch.algos.lrwr import adapted_tau
-from dpsearch.policies import PolicyConfig
+from dpsearch.algos.unroll import unroll
+from dpsearch.policies import Deterministic, PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes
 from scripts.experiments.training import compose
 
@@ -34,9 +35,9 @@ def probabilities(lrwr: LRWR) -> Any:
 
 
 def imitate(lrwr: LRWR, episodes: Episodes, utilities: Any) -> int:
-    episodes = episodes.first(lrwr._horizon)
+    episodes = episodes.first(lrwr.horizon)
     utilities = np.broadcast_to(utilities, episodes.mask.shape)
-    return lrwr.imitate(episodes, utilities, lrwr._remember(episodes), episodes.returns_to_go(0.98))
+    return lrwr.imitate(episodes, utilities, unroll(lrwr.policy, episodes), episodes.returns_to_go(0.98))
 
 
 def test_an_em_step_repeats_each_choice_as_often_as_it_is_worth() -> None:
@@ -77,7 +78,7 @@ def test_steps_count_by_their_discount(on: bool) -> None:
         control_variate=False, policy=PolicyConfig(init_range=0.0),
     )  # fmt: skip
     whole = lrwr.play_batch(30)
-    episodes = whole.first(lrwr._horizon)
+    episodes = whole.first(lrwr.horizon)
     assert (len(episodes.rewards) < len(whole.rewards)) == on  # what counts for less than a thousandth is left out
     fading = 0.9 ** np.arange(len(episodes.rewards)) if on else np.ones(len(episodes.rewards))
     taken = np.eye(4)[episodes.actions[..., 0].astype(int)] - 0.25  # (T, N, 4)
@@ -198,7 +199,7 @@ def test_with_a_baseline_each_step_has_a_utility_of_its_own() -> None:
     lrwr = LRWR(TMAZE, baseline="shared", discount_steps=False, batch_size=10)
     episodes = lrwr.play_batch(10)
     mask, returns = episodes.mask, episodes.returns_to_go(0.98)
-    gains, whose = lrwr._gains(episodes, returns, lrwr._remember(episodes))
+    gains, whose = lrwr.gains(episodes, returns, unroll(lrwr.policy, episodes))
     assert gains.shape == (mask.sum(),)
     assert sorted(whose[mask]) == list(range(mask.sum()))
     np.testing.assert_allclose(gains[whose[mask]], returns[mask])  # at first it expects 0
@@ -206,13 +207,13 @@ def test_with_a_baseline_each_step_has_a_utility_of_its_own() -> None:
 
 def test_the_baseline_learns_what_to_expect() -> None:
     lrwr = LRWR(
-        TIGER, max_episode_steps=1, gamma=1.0, batch_size=50, baseline="shared", baseline_weight=1.0,
+        TIGER, max_episode_steps=1, gamma=1.0, batch_size=50, baseline={"kind": "shared", "weight": 1.0},
         discount_steps=False, held_out=0.0, max_epochs=20, policy=PolicyConfig(init_range=0.3), **ADAM,
     )  # fmt: skip
     lrwr.learn(total_updates=20)
     assert lrwr.baseline is not None
     episodes = lrwr.play_batch(500)
-    expected = lrwr.baseline.expected(episodes, lrwr._remember(episodes))
+    expected = lrwr.baseline.expected(episodes, unroll(lrwr.policy, episodes))
     assert abs(float(np.mean(expected)) - episodes.returns.mean()) < 5.0
 
 
@@ -254,8 +255,13 @@ def test_gaussian_policies_find_the_best_action_and_grow_sure_of_it() -> None:
 
 
 def test_a_squared_error_of_continuous_actions_is_refused_before_anything_is_played() -> None:
-    with pytest.raises(TypeError, match="discrete"):
+    with pytest.raises(ValueError, match=r"^loss must be likelihood: squared needs discrete actions"):
         LRWR(Target, max_episode_steps=1, loss="squared", control_variate=False)
+
+
+def test_a_policy_that_does_not_sample_its_actions_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^policy must sample its actions, this one's head is Deterministic"):
+        LRWR(Target, max_episode_steps=1, policy=RecurrentPolicy(1, Deterministic(1)))
 
 
 @pytest.mark.parametrize("settings", [{}, {"baseline": "shared", "discount_steps": False, "steepness": 0.3, **ADAM}])
@@ -271,7 +277,8 @@ def test_state_goes_on_bit_for_bit(settings: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        ("batch_size", 1), ("imitated_steps", 2.5), ("gamma", 0.0), ("baseline", "linear"), ("baseline_weight", -1.0),
+        ("batch_size", 1), ("imitated_steps", 2.5), ("gamma", 0.0), ("baseline", "linear"),
+        ("baseline", {"kind": "shared", "weight": -1.0}),
         ("tau", 0.0), ("steepness", 0.0), ("learning_rate_halflife", -1.0),
         ("loss", "l1"),
         ("held_out", 1.0), ("patience", 0), ("max_epochs", 2.5), ("optimizer", "Sgd"), ("learning_rate", np.inf),

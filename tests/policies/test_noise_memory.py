@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 from dpsearch.algos import RPG
 from dpsearch.kernels.lanes import LANES
 from dpsearch.policies import CORES, Categorical, Gaussian, PolicyConfig, PolicyRunner, RecurrentPolicy
-from dpsearch.rollout import Episodes, make_rollouts
+from dpsearch.rollout import Episodes, Stream, make_rollouts
 
 POLES = "dpsearch.envs:dpsearch/DoublePoleHidden-v0"
 MEMORY = 0.8
@@ -126,9 +126,9 @@ def test_a_runner_remembers_its_noise_and_forgets_it_when_an_episode_begins() ->
 def test_a_stream_in_pieces_is_played_as_one() -> None:
     def actions(update_steps: int, updates: int) -> NDArray[np.float32]:
         config = PolicyConfig(hidden_size=3, init_range=0.3, noise_memory=MEMORY)
-        rpg = RPG(POLES, update_steps=update_steps, policy=config)
-        assert rpg.stream is not None
-        pieces = [rpg.stream.play(rpg.policy, update_steps) for _ in range(updates)]
+        rpg = RPG(POLES, policy=config)
+        stream = Stream(rpg.rollouts, rpg.training_key)
+        pieces = [stream.play(rpg.policy, update_steps) for _ in range(updates)]
         return np.concatenate([p.actions[:, n][p.mask[:, n]] for p in pieces for n in range(len(p))])
 
     np.testing.assert_array_equal(actions(40, 3), actions(120, 1))

@@ -11,12 +11,13 @@ from dpsearch.algos import RPG
 from dpsearch.envs.tmaze import TMaze
 from dpsearch.policies import PolicyConfig
 
+NO_BASELINE = {"kind": "constant", "episodes": 0}
 HORIZON = 4  # steps of the small POMDP: all 2 * 4**4 histories can be listed
 
 
 def small_rpg(**settings: Any) -> RPG:
-    policy = PolicyConfig(hidden_size=3, init_range=0.7)
-    return RPG(TMaze(corridor_length=1, max_episode_steps=HORIZON), policy=policy, **{"gamma": 1.0, **settings})
+    given = {"gamma": 1.0, "policy": PolicyConfig(hidden_size=3, init_range=0.7), **settings}
+    return RPG(TMaze(corridor_length=1, max_episode_steps=HORIZON), **given)
 
 
 def gradients(rpg: RPG) -> NDArray[np.float64]:

@@ -1,8 +1,13 @@
-"""What return to expect from what was seen and done so far: a second LSTM, beside the policy (section 3.3.2)."""
+"""The history baseline: b(h_t) is predicted by a second LSTM, beside the policy (section 3.3.2).
+
+It is trained by supervised regression on the returns actually received, never by bootstrapping, so no assumption about
+hidden states enters. Returns are scaled by their running mean and deviation: one step size does for all tasks.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,58 +16,68 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from typing_extensions import override
 
-from dpsearch.algos.baselines.base import Baseline, Counted
-from dpsearch.algos.optimizers import make_optimizer
-from dpsearch.policies import Head
+from dpsearch.algos.baselines.base import Baseline, BaselineConfig, Counted
+from dpsearch.algos.optimizers import OPTIMIZERS, make_optimizer
+from dpsearch.algos.settings import is_number, is_whole, require
+from dpsearch.policies import RecurrentPolicy
 from dpsearch.policies.buckets import run_in_buckets
 from dpsearch.rollout import Episodes, Pieces
 
-SCALE_MEMORY = 0.9  # of the returns' mean and mean square, from batch to batch
-LEAST = 1e-6  # times the mean: a deviation below is rounding
+SCALE_MEMORY = 0.9  # decay of the returns' running mean and mean square, from batch to batch
+LEAST = 1e-6  # least deviation, as a part of the mean: below is rounding
+
+
+@dataclass(frozen=True)
+class HistoryConfig(BaselineConfig):
+    """Settings of the history baseline.
+
+    Attributes:
+        cells: Cells of the LSTM (thesis: 10).
+        optimizer: Name of a class in ``torch.optim``, one of ``OPTIMIZERS``.
+        learning_rate: Step size of the optimiser, for the squared error averaged over steps, of returns scaled to
+            deviation 1.
+        optimizer_options: Other arguments of the optimiser, such as ``{momentum: 0.9}``.
+        steps: Gradient steps after every batch.
+    """
+
+    kind: str = field(default="history", init=False)
+    cells: int = 10
+    optimizer: str = "Adam"
+    learning_rate: float = 0.01
+    optimizer_options: dict[str, Any] = field(default_factory=dict)
+    steps: int = 1
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError that names the setting if a value is out of range."""
+        require(
+            self,
+            {
+                "cells": (is_whole(self.cells, 1), "a whole number, at least 1"),
+                "optimizer": (self.optimizer in OPTIMIZERS, f"one of {', '.join(OPTIMIZERS)}"),
+                "learning_rate": (is_number(self.learning_rate) and self.learning_rate > 0.0, "positive and finite"),
+                "optimizer_options": (isinstance(self.optimizer_options, dict), "a mapping of the optimiser's options"),
+                "steps": (is_whole(self.steps, 1), "a whole number, at least 1"),
+            },
+        )
 
 
 class HistoryBaseline(Baseline):
-    """b(h_t) is what a second LSTM expects, which sees the same history as the policy (section 3.3.2).
+    """b(h_t) is predicted by a second LSTM that sees the same history as the policy."""
 
-    It is trained by supervised regression on the returns actually received, never by bootstrapping, so no assumption
-    about hidden states enters. Returns are scaled by their running mean and deviation, so that one step size does for
-    all tasks.
+    config_type = HistoryConfig
 
-    Args:
-        observation_size: Length O of an observation.
-        head: The policy's, which says how an action is shown.
-        hidden_size: Cells.
-        optimizer: Name of a class in ``torch.optim``, one of ``OPTIMIZERS``.
-        learning_rate: Its step size, for the squared error of a step, averaged over the steps of a batch.
-        optimizer_options: Its other arguments.
-        steps: Gradient steps a batch.
-        seed: Of the initial weights.
-
-    Raises:
-        ValueError: If the optimiser does not take its options.
-    """
-
-    def __init__(
-        self,
-        observation_size: int,
-        head: Head,
-        *,
-        hidden_size: int = 10,
-        optimizer: str = "Adam",
-        learning_rate: float = 0.01,
-        optimizer_options: dict[str, Any] | None = None,
-        steps: int = 5,
-        seed: int = 0,
-    ) -> None:
-        self._head = head
-        self._steps = steps
-        self._core = nn.LSTM(observation_size + head.echo_size, hidden_size)
-        self._readout = nn.Linear(hidden_size, 1)
+    def __init__(self, config: HistoryConfig, policy: RecurrentPolicy, seed: int) -> None:
+        self._head = policy.head
+        self._steps = config.steps
+        self._core = nn.LSTM(policy.observation_size + policy.head.echo_size, config.cells)
+        self._readout = nn.Linear(config.cells, 1)
         generator = torch.Generator().manual_seed(seed)
         for parameter in (*self._core.parameters(), *self._readout.parameters()):
             nn.init.uniform_(parameter, -0.1, 0.1, generator=generator)
         self._net = nn.ModuleList([self._core, self._readout])
-        self._optimizer = make_optimizer(optimizer, self._net.parameters(), learning_rate, optimizer_options or {})
+        self._optimizer = make_optimizer(
+            config.optimizer, self._net.parameters(), config.learning_rate, config.optimizer_options
+        )
         self._mean, self._square, self._deviation = 0.0, 0.0, 0.0  # of the returns; a deviation of 0: none were seen
         self._carried = torch.zeros(0)  # h, c and the previous action at the end of the last piece of a stream
 
@@ -85,7 +100,7 @@ class HistoryBaseline(Baseline):
                 parameter.grad = None
             ((expected - targets).square() * weights).sum().backward()
             if not all(bool(p.grad.isfinite().all()) for p in self._net.parameters() if p.grad is not None):
-                break  # it has exploded on its way back through thousands of steps, and would leave no weight finite
+                break  # a gradient that exploded through thousands of steps would leave no weight finite
             self._optimizer.step()
         if isinstance(episodes, Pieces):
             self._carry(episodes, inputs, state)
@@ -100,6 +115,7 @@ class HistoryBaseline(Baseline):
         return np.float32(self._mean) + np.float32(self._deviation) * expected
 
     def _remember_scale(self, returns: NDArray[np.float32]) -> None:
+        """Update the running mean and deviation with the returns ``(M,)`` of a batch."""
         memory = SCALE_MEMORY if self._deviation > 0.0 else 0.0
         received = returns.astype(np.float64)
         self._mean = memory * self._mean + (1.0 - memory) * float(received.mean())
@@ -117,7 +133,7 @@ class HistoryBaseline(Baseline):
         return torch.cat((observations, echoes.float()), -1)
 
     def _goes_on(self, episodes: Episodes) -> bool:
-        """Whether the first piece goes on from where the last batch ended."""
+        """Whether the first piece continues the episode in which the last batch ended."""
         return isinstance(episodes, Pieces) and not episodes.begins and len(self._carried) > 0
 
     def _state(self, episodes: Episodes) -> tuple[Tensor, Tensor] | None:
@@ -152,7 +168,6 @@ class HistoryBaseline(Baseline):
 
     @override
     def state_dict(self) -> dict[str, Any]:
-        """All that the rest of a run depends on."""
         return {
             "net": self._net.state_dict(),
             "optimizer": self._optimizer.state_dict(),
@@ -162,7 +177,6 @@ class HistoryBaseline(Baseline):
 
     @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on where ``state_dict`` was taken."""
         self._net.load_state_dict(state["net"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._mean, self._square, self._deviation = state["returns"]

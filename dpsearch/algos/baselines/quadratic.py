@@ -1,11 +1,12 @@
-"""What return to expect from what is seen: the quadratic function that fits the returns of late best.
+"""The quadratic baseline: b(o_t) is a quadratic function of the observation, fitted to recent returns.
 
-There is nothing to be tuned and nothing to converge: after one update it knows what one update can tell, where a
-network needs hundreds. It remembers nothing of the history, though.
+Least squares has nothing to tune and nothing to converge: after one update the baseline knows all that one update can
+tell, where a network needs hundreds. It knows nothing of the history, though.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,29 +15,36 @@ from numpy.typing import NDArray
 from torch import Tensor
 from typing_extensions import override
 
-from dpsearch.algos.baselines.base import Baseline, Counted
+from dpsearch.algos.baselines.base import Baseline, BaselineConfig, Counted
+from dpsearch.policies import RecurrentPolicy
 from dpsearch.rollout import Episodes
 
-MEMORY = 0.95  # of what was seen, from update to update
-RIDGE = 3e-2  # times the steps in memory: what a coefficient's square costs
-FARTHEST = 6.0  # what is beyond counts as being there, so that nothing far out decides all
+MEMORY = 0.95  # decay of the regression's sums, from update to update
+RIDGE = 3e-2  # penalty of a squared coefficient, as a part of the steps in memory
+FARTHEST = 6.0  # bound of the observations, so that no outlier decides the fit
+
+
+@dataclass(frozen=True)
+class QuadraticConfig(BaselineConfig):
+    """The quadratic baseline has no settings."""
+
+    kind: str = field(default="quadratic", init=False)
 
 
 class QuadraticBaseline(Baseline):
     """b(o_t) is a quadratic function of the observation, by least squares over the returns received.
 
-    Recent updates count most, and the present one not at all, so that it cannot bias the gradient.
-
-    Args:
-        observation_size: Length O of an observation.
+    Recent updates count most. The present batch does not count, so that it cannot bias the gradient.
     """
 
-    def __init__(self, observation_size: int) -> None:
-        self._pairs = np.triu_indices(observation_size + 1)  # of (1, o), which has all products of up to two
+    config_type = QuadraticConfig
+
+    def __init__(self, config: QuadraticConfig, policy: RecurrentPolicy, seed: int) -> None:
+        self._pairs = np.triu_indices(policy.observation_size + 1)  # of (1, o): all products of up to two numbers
         size = len(self._pairs[0])
         self._products, self._targets = np.zeros((size, size)), np.zeros(size)
         self._coefficients = np.zeros(size)
-        self._range = (0.0, 0.0)  # of the returns received
+        self._range = (0.0, 0.0)  # least and greatest return received
 
     @override
     def __call__(
@@ -60,7 +68,7 @@ class QuadraticBaseline(Baseline):
         return expected.astype(np.float32)
 
     def _terms(self, observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        """1, what is seen, and all products of two: ``(.., O)`` to ``(.., K)``."""
+        """Terms of the regression ``(.., K)``: 1, the observation ``(.., O)``, and all products of two of it."""
         seen = np.clip(observations.astype(np.float64), -FARTHEST, FARTHEST)
         seen = np.concatenate([np.ones((*seen.shape[:-1], 1)), seen], axis=-1)
         terms: NDArray[np.float64] = seen[..., self._pairs[0]] * seen[..., self._pairs[1]]
@@ -68,12 +76,10 @@ class QuadraticBaseline(Baseline):
 
     @override
     def state_dict(self) -> dict[str, Any]:
-        """All that the rest of a run depends on."""
         parts = {"products": self._products, "targets": self._targets, "coefficients": self._coefficients}
         return {"range": self._range, **{name: torch.from_numpy(part) for name, part in parts.items()}}
 
     @override
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on where ``state_dict`` was taken."""
         self._products, self._targets = state["products"].numpy(), state["targets"].numpy()
         self._coefficients, self._range = state["coefficients"].numpy(), tuple(state["range"])

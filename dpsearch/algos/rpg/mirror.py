@@ -1,10 +1,14 @@
-"""Every episode once more, as a mirror shows it: for tasks that are alike on the left and on the right.
+"""Each episode is also learned from as its mirror image, for tasks that are alike on the left and on the right.
 
-A car that is steered to the left by its noise, and is the better off for it, would have been by the same push to the
-right on the mirrored road. Where that is known, an agent learns from both, and need not wait for a curve to the right.
+A car that gained by being pushed to the left by its noise would, on the mirrored road, have gained as much by the same
+push to the right. An agent that knows this learns from both, and need not wait for a curve to the right.
 
-The two together are the gradient of a policy made symmetric, (mu(h) + M mu(M h)) / 2 with M for the mirror. It says
-nothing of how far the policy itself is from that: begin with small weights, as what is lopsided is not unlearned.
+The two together are the gradient of a policy made symmetric, (mu(h) + M mu(M h)) / 2 with M for the mirror. Asymmetry
+that is already in the policy stays, so start from small weights.
+
+The environment declares M in its attribute ``mirror_signs``: 1 or -1 for each number of the flat observation, then for
+each of the action, by which a mirror multiplies it. A speed is the same in a mirror, 1; what points to a side turns
+around, -1. An environment in which numbers change places in a mirror, as rays to both sides do, declares none.
 """
 
 from __future__ import annotations
@@ -23,32 +27,35 @@ from dpsearch.rollout import Episodes, Pieces
 
 
 class Mirror:
-    """Doubles episodes, and carries along what the policy would remember of a mirrored stream.
+    """Doubles episodes, and carries along the memory that the policy would have of a mirrored stream.
 
     Args:
-        signs: 1 or -1 for each number of an observation and then of an action: by what a mirror multiplies it.
-        policy: What acts; Gaussian.
+        signs: The environment's ``mirror_signs``; None if it declares none.
+        policy: The policy that acts.
 
     Raises:
-        ValueError: If there are not as many signs, or others, or the policy is not Gaussian.
+        ValueError: If there are no signs, or they do not fit, or the policy is not Gaussian.
     """
 
-    def __init__(self, signs: Sequence[float], policy: RecurrentPolicy) -> None:
+    def __init__(self, signs: Sequence[float] | None, policy: RecurrentPolicy) -> None:
         seen, done = policy.observation_size, policy.head.action_size
         if not isinstance(policy.head, Gaussian):
-            raise ValueError("mirror needs a Gaussian policy, for actions that are a Box; null learns without images")
-        if not isinstance(signs, Sequence) or len(signs) != seen + done or any(abs(sign) != 1.0 for sign in signs):
+            raise ValueError("mirror must be false: it needs a Gaussian policy, for actions that are a Box")
+        if signs is None:
+            raise ValueError("mirror must be false: this environment declares no mirror_signs")
+        numbers = np.asarray(signs, np.float32)
+        if numbers.shape != (seen + done,) or (np.abs(numbers) != 1.0).any():
             raise ValueError(
-                f"mirror must be a 1 or -1 for each of {seen} numbers observed and {done} of an action, or null, "
-                f"got {signs}"
+                f"mirror must be false: this environment's mirror_signs are not a 1 or -1 for each of {seen} numbers "
+                f"observed and {done} of an action, but {signs}"
             )
         self._policy = policy
-        self._seen, self._done = np.array(signs[:seen], np.float32), np.array(signs[seen:], np.float32)
-        self._outputs = torch.tensor([*signs[seen:], *[1.0] * done])  # means, and deviations, which stay what they are
+        self._seen, self._done = numbers[:seen], numbers[seen:]
+        self._outputs = torch.tensor([*numbers[seen:].tolist(), *[1.0] * done])  # means change sides, deviations do not
         self._memory = torch.zeros(policy.state_size)  # at the end of the last mirrored piece
 
     def doubled(self, episodes: Episodes) -> Episodes:
-        """N episodes, or pieces of a stream, and behind them their mirror images, likewise: 2 N columns."""
+        """N episodes, or pieces of a stream, followed by their mirror images: 2 N columns."""
         observations, actions = episodes.observations * self._seen, episodes.actions * self._done
         more: dict[str, NDArray[Any]] = {}
         if isinstance(episodes, Pieces):
@@ -67,7 +74,7 @@ class Mirror:
     def _memories(
         self, pieces: Pieces, observations: NDArray[np.float32], actions: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """Before the first step of each mirrored piece, ``(N, state_size)``."""
+        """Recurrent state before the first step of each mirrored piece, ``(N, state_size)``."""
         memories = torch.zeros(pieces.memory.shape)
         if not pieces.begins:
             memories[0] = self._memory
@@ -78,18 +85,18 @@ class Mirror:
         return memories.numpy()
 
     def reflect(self, eligibilities: Tensor) -> None:
-        """Put the eligibilities of N episodes ``(T, 2 N, K)``, mirrored, in the place of those of their images.
+        """Replace the images' eligibilities by the mirrored ones of the episodes: ``(T, 2 N, K)``, in place.
 
-        Actions of the images were not drawn from what the policy would do there. What made the difference was the
-        noise in them, and that is mirrored here: where task and policy are symmetric, this is the images' gradient.
+        The policy did not draw the images' actions. The noise in the actions made the difference, and that is mirrored
+        here: where task and policy are symmetric, this is the images' gradient.
         """
         n = eligibilities.shape[1] // 2
         eligibilities[:, n:] = eligibilities[:, :n] * self._outputs
 
     def state_dict(self) -> dict[str, Any]:
-        """What the rest of a run depends on."""
+        """Everything that later images depend on."""
         return {"memory": self._memory}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on where ``state_dict`` was taken."""
+        """Continue from where ``state_dict`` was taken."""
         self._memory = state["memory"]

@@ -2,8 +2,8 @@
 
     x = (F + damping I)^-1 g,    F = 1/M sum_t J_t^T M_t J_t
 
-J_t are the derivatives of the policy's outputs at step t by its parameters, and M_t is the Fisher information of its
-distribution over actions there; so x'F x / 2 is, to second order, the mean KL divergence of a step x (Kakade, NIPS
+J_t are the derivatives of the policy's outputs at step t by its parameters, and M_t is the Fisher information matrix of
+its distribution over actions there; so x'F x / 2 is, to second order, the mean KL divergence of a step x (Kakade, NIPS
 2001; Martens, JMLR 2020). F is never formed: conjugate gradients need no more than its products with vectors.
 """
 
@@ -18,21 +18,49 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from dpsearch.algos.rpg.gradient import Eligibilities
+from dpsearch.algos.unroll import outputs_of, unroll
 from dpsearch.policies import RecurrentPolicy
+from dpsearch.rollout import Episodes
 
-ITERATIONS = 10  # of conjugate gradients: more changes little
-TOLERANCE = 1e-3  # of the squared residual, relative to the gradient's
-SHORTENINGS, SLACK = 5, 1.2  # at most so many; a step may exceed the divergence asked for by this factor
+ITERATIONS = 10  # steps of conjugate gradients: more change little
+TOLERANCE = 1e-3  # squared residual at which they end, relative to the gradient's
+SHORTENINGS, SLACK = 5, 1.2  # most shortenings; factor by which a step may exceed the divergence asked for
 PROBE = 1e-3  # length of the step in parameters whose effect on the outputs is measured
-Unroll = Callable[[RecurrentPolicy], Tensor]
-"""What makes a policy's outputs ``(T, B, n_outputs)`` of the episodes that a step is to be judged by."""
+
+
+def backpropagate_naturally(
+    policy: RecurrentPolicy, episodes: Episodes, eligible: Eligibilities, damping: float, divergence: float
+) -> None:
+    """Make minus the natural step the ``grad`` of the policy's parameters, for optimisers that descend.
+
+    Args:
+        policy: The policy that acted.
+        episodes: N episodes of up to T steps, by which the step is judged.
+        eligible: Minus the weighted eligibilities, at the outputs.
+        damping: Number added to the diagonal of F.
+        divergence: Mean KL divergence of the step, in nats.
+    """
+    parameters = policy.free_parameters()
+    minus = torch.autograd.grad(eligible.tensors, parameters, eligible.gradients, retain_graph=True)
+    steps = natural_step(
+        policy,
+        [-part for part in minus],
+        eligible.tensors[0],
+        lambda probe: outputs_of(probe, episodes, unroll(probe, episodes)),
+        episodes.mask,
+        damping,
+        divergence,
+    )
+    for parameter, step in zip(parameters, steps, strict=True):
+        parameter.grad = -step
 
 
 def natural_step(
     policy: RecurrentPolicy,
     gradient: list[Tensor],
     outputs: Tensor,
-    unroll: Unroll,
+    outputs_with: Callable[[RecurrentPolicy], Tensor],
     mask: NDArray[np.bool_],
     damping: float,
     divergence: float,
@@ -40,17 +68,17 @@ def natural_step(
     """A step along the natural gradient, found by conjugate gradients.
 
     Args:
-        policy: Whose.
-        gradient: By each of its free parameters.
-        outputs: Its outputs ``(T, B, n_outputs)``, with the graph that leads to the parameters.
-        unroll: What makes such outputs with a policy of the same architecture.
+        policy: The policy that acted.
+        gradient: The gradient by each of its free parameters.
+        outputs: The policy's outputs ``(T, B, n_outputs)``, with the graph that leads to the parameters.
+        outputs_with: Function from a policy of the same architecture to its outputs, ``(T, B, n_outputs)``.
         mask: ``(T, B)``, False on padding.
-        damping: What is added to F's diagonal.
-        divergence: How far it goes: the mean KL divergence in nats, judged by F. Where outputs bend so much that the
-            step would come to more, it is shortened.
+        damping: Number added to F's diagonal.
+        divergence: Length of the step: its mean KL divergence in nats, judged by F. Where outputs bend so much that
+            the step would come to more, it is shortened.
 
     Returns:
-        The step in each of the parameters.
+        The step in each of the free parameters.
     """
     parameters = policy.free_parameters()
     shapes = [p.shape for p in parameters]
@@ -62,7 +90,7 @@ def natural_step(
     def change_of_outputs(step: Tensor) -> Tensor:
         probe.load_vector((here + step).numpy())
         with torch.no_grad():
-            return torch.where(counted, unroll(probe) - seen, 0.0)
+            return torch.where(counted, outputs_with(probe) - seen, 0.0)
 
     def fisher_product(v: Tensor) -> Tensor:
         scale = PROBE / float(v.norm())
@@ -73,13 +101,13 @@ def natural_step(
     x, residual, direction = torch.zeros_like(g), g.clone(), g.clone()
     left = start = float(g @ g)
     if not math.isfinite(start):
-        return gradient  # for the caller to refuse: it has no direction
+        return gradient  # it has no direction, and the caller will refuse it
     for _ in range(ITERATIONS):
         if left <= TOLERANCE * start:
             break
         image = fisher_product(direction)
         along = float(direction @ image)
-        if along <= 0.0:  # rounding has the last word
+        if along <= 0.0:  # only rounding is left
             break
         x += left / along * direction
         residual -= left / along * image

@@ -1,4 +1,4 @@
-"""When to give a start up: from some weights learning gets past a point at which it stays from others."""
+"""When to restart from new random weights: from some weights learning stays at a point that it passes from others."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-WINDOW = 100  # episodes whose mean return is compared, or ``patience`` if that is less
+WINDOW = 100  # episodes whose mean return is compared; ``patience`` if that is less
 
 
 class Progress:
-    """Whether learning still gets ahead: early stopping with patience, of a start instead of a run.
+    """Whether learning still improves the mean return: early stopping with patience, of a start instead of a run.
 
     Progress is relative, so that it does not depend on the unit of reward. From a mean of exactly 0 only a positive one
     is progress: where no return is above 0, something else has to end a run that got there, as ``until_solved`` does.
 
     Args:
-        patience: Episodes within which it has to; None never gives up.
-        gain: By which share of its size the mean return of the last ``WINDOW`` episodes has to rise above what it was
-            when it last did so.
+        patience: Episodes without progress after which learning has stalled; None for never.
+        gain: Progress is a mean return of the last ``WINDOW`` episodes that is higher than at the last progress by more
+            than this share of its size.
     """
 
     def __init__(self, patience: int | None, gain: float) -> None:
@@ -35,7 +35,7 @@ class Progress:
         return self._patience is not None and self._since >= self._patience
 
     def note(self, returns: NDArray[Any]) -> None:
-        """Take in the returns ``(N,)`` of the next episodes."""
+        """Note the returns ``(N,)`` of the next episodes."""
         if self._patience is None:
             return
         self._since += len(returns)
@@ -45,11 +45,11 @@ class Progress:
             self._bar, self._since = mean + self._gain * abs(mean), 0
 
     def state_dict(self) -> dict[str, Any]:
-        """All that it remembers."""
+        """Everything that later answers depend on."""
         return {"recent": list(self._recent), "bar": self._bar, "since": self._since}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Remember what it did when ``state_dict`` was taken."""
+        """Continue from where ``state_dict`` was taken."""
         self._recent.clear()
         self._recent.extend(state["recent"])
         self._bar, self._since = state["bar"], state["since"]

@@ -155,28 +155,28 @@ class Categorical(Head):
         )
         return torch.from_numpy(eligibilities).view(outputs.shape), torch.from_numpy(entropy).view(weights.shape)
 
-    def backpropagate(
+    def through_readout(
         self,
         layer: tuple[Tensor, Tensor | None],
         features: Tensor,
         actions: NDArray[np.float32],
         weights: NDArray[np.float32],
         bonus: NDArray[np.float32] | None = None,
-    ) -> tuple[Tensor, NDArray[np.float32]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """``eligibilities``, backpropagated through the linear layer that makes the outputs, in one compiled pass.
 
         All arrays are float32 and C-contiguous.
 
         Args:
-            layer: Weights ``(K, H)``, from H features to the K outputs, and bias ``(K,)`` or None; the ``grad`` of
-                those that learn is set.
+            layer: Weights ``(K, H)``, from H features to the K outputs, and bias ``(K,)`` or None.
             features: Input of the layer, ``(T, B, H)``.
             actions: ``(T, B, action_size)``.
             weights: Factor ``(T, B)`` of each step's eligibilities.
             bonus: Factor ``(T, B)`` of the entropy's derivatives, which are then added; None for none.
 
         Returns:
-            The derivatives by the features, ``(T, B, H)``, and the entropy ``(T, B)`` in nats.
+            The derivatives by the features ``(T, B, H)``, by the weights ``(K, H)`` and by the bias ``(K,)``; and the
+            entropy ``(T, B)`` in nats.
         """
         weight = layer[0].detach().numpy()
         bias = np.zeros(len(weight), np.float32) if layer[1] is None else layer[1].detach().numpy()
@@ -187,10 +187,7 @@ class Categorical(Head):
         softmax_gradient(
             *(self._sizes, weight, bias, seen, actions, weights, extra, by_features, by_weight, by_bias, entropy)
         )
-        for parameter, gradient in zip(layer, (by_weight, by_bias), strict=True):
-            if parameter is not None and parameter.requires_grad:
-                parameter.grad = torch.from_numpy(gradient)
-        return torch.from_numpy(by_features), entropy
+        return by_features, by_weight, by_bias, entropy
 
     @override
     def fisher(self, outputs: Tensor, changes: Tensor) -> Tensor:

@@ -50,9 +50,9 @@ FASTER = Method(
     "RPG, our settings, learning on until it fails",
     ("algo=rpg", "env.speed_profile=[10,250,7200]", "total_steps=216_000"),
 )
-ONE_SIDED = Method("rpg_one_sided", "RPG, our settings, no mirror images", ("algo=rpg", "algo.mirror=null"))
+ONE_SIDED = Method("rpg_one_sided", "RPG, our settings, no mirror images", ("algo=rpg", "algo.mirror=false"))
 FASTER_ONE_SIDED = Method(
-    "rpg_faster_one_sided", f"{FASTER.label}, no mirror images", (*FASTER.overrides, "algo.mirror=null")
+    "rpg_faster_one_sided", f"{FASTER.label}, no mirror images", (*FASTER.overrides, "algo.mirror=false")
 )
 DRIVES_ON = Method(
     "rpg_drives_on", "RPG, our settings, then on without learning or noise until it fails", OURS.overrides

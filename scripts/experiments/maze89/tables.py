@@ -28,7 +28,7 @@ BEST = Method("rpg_best", "RPG, best setting", ("experiment=maze89_best",))
 THESIS = Method(
     "rpg_thesis", "RPG, the thesis's two settings together, history baseline", ("experiment=maze89_thesis",)
 )
-CONSTANT_BASELINE = ("algo.baseline=constant", "algo.baseline_episodes=1000")
+CONSTANT_BASELINE = ("algo.baseline.kind=constant", "algo.baseline.episodes=1000")
 CONSTANT = Method(
     "rpg_constant",
     "RPG, the thesis's two settings together, constant baseline",
@@ -57,9 +57,9 @@ STANDARD = Method(
         "algo.batch_size=10",
         "algo.learning_rate=0.01",
         "algo.gradient_length=null",
-        "algo.baseline_optimizer=SGD",
-        "algo.baseline_optimizer_options={momentum: 0.9}",
-        "algo.baseline_learning_rate=0.75",  # 0.001, times 10 episodes of 150 steps or so, over 2 for a square
+        "algo.baseline.optimizer=SGD",
+        "algo.baseline.optimizer_options={momentum: 0.9}",
+        "algo.baseline.learning_rate=0.75",  # 0.001, times 10 episodes of 150 steps or so, over 2 for a square
     ),
 )
 SEARCH = ("env=maze89", "algo.episodes_per_fitness=250", "total_steps=30_000_000", "until_solved=false")
@@ -78,11 +78,11 @@ ABLATIONS = {
         Method("no_action", "without the previous action", (*SHORT, "policy.previous_action=false")),
         Method("no_entropy", "without the entropy bonus", (*SHORT, "algo.entropy_bonus=0.0")),
         Method("no_trace", "with a trace of 1: R_t - b", (*SHORT, "algo.trace=1.0")),
-        Method("shared", "with the shared baseline", (*SHORT, "algo.baseline=shared")),
+        Method("shared", "with the shared baseline", (*SHORT, "algo.baseline.kind=shared")),
         Method(
             "constant",
             "with the constant baseline, and so a trace of 1",
-            (*SHORT, "algo.baseline=constant", "algo.baseline_episodes=1000", "algo.trace=1.0"),
+            (*SHORT, "algo.baseline.kind=constant", "algo.baseline.episodes=1000", "algo.trace=1.0"),
         ),
         Method(
             "natural",
@@ -90,7 +90,7 @@ ABLATIONS = {
             (*SHORT, "algo.optimizer=SGD", "algo.learning_rate=1.0", "algo.natural_step=0.003"),
         ),
         Method("ten_cells", "with 10 cells for the policy and 10 for the baseline",
-               (*SHORT, "policy.hidden_size=10", "algo.baseline_cells=10")),
+               (*SHORT, "policy.hidden_size=10", "algo.baseline.cells=10")),
     )
 }  # fmt: skip
 

@@ -39,8 +39,8 @@ FAITHFUL = Method(
     "thesis", "RPG as in the thesis",
     (
         SHORT, "algo.natural_step=null", "algo.learning_rate=0.001", "algo.optimizer_options={momentum: 0.9}",
-        "algo.batch_size=1", "algo.variance_scaled=true", "algo.baseline=constant", "algo.trace=1.0", "env.gamma=0.99",
-        "algo.restart_episodes=null", "policy.core=lstm", "policy.init_range=0.01", *QUIET,
+        "algo.batch_size=1", "algo.variance_scaled=true", "algo.baseline.kind=constant", "algo.trace=1.0",
+        "env.gamma=0.99", "algo.restart_episodes=null", "policy.core=lstm", "policy.init_range=0.01", *QUIET,
     ),
 )  # fmt: skip
 METHODS = {method.name: method for method in (MARKOV, RPG, WHITE, FREE, ADAM, FAITHFUL)}

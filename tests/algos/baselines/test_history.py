@@ -1,3 +1,5 @@
+"""The history baseline: an LSTM that predicts returns from the history."""
+
 from __future__ import annotations
 
 from copy import deepcopy
@@ -8,7 +10,7 @@ import pytest
 import torch
 
 from dpsearch.algos import RPG
-from dpsearch.algos.baselines.history import HistoryBaseline
+from dpsearch.algos.baselines.history import HistoryBaseline, HistoryConfig
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.rollout import Episodes, make_rollouts
 
@@ -21,7 +23,7 @@ def episodes(n: int, key: int = 1) -> Episodes:
 
 
 def baseline(steps: int = 1) -> HistoryBaseline:
-    return HistoryBaseline(POLICY.observation_size, POLICY.head, steps=steps)
+    return HistoryBaseline(HistoryConfig(steps=steps), POLICY, seed=0)
 
 
 def learned(batches: int) -> HistoryBaseline:
@@ -95,5 +97,5 @@ def test_a_gradient_that_explodes_is_not_followed() -> None:
 
 
 def test_options_that_do_not_fit_the_optimiser_are_named() -> None:
-    with pytest.raises(ValueError, match="baseline_optimizer_options do not fit Adam"):
-        RPG("dpsearch/TMaze-v0", baseline="history", baseline_optimizer_options={"momentum": 0.9})
+    with pytest.raises(ValueError, match=r"^baseline\.optimizer_options do not fit Adam"):
+        RPG("dpsearch/TMaze-v0", baseline={"kind": "history", "optimizer_options": {"momentum": 0.9}})

@@ -5,10 +5,15 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from dpsearch.algos.baselines.quadratic import QuadraticBaseline
+from dpsearch.algos.baselines.quadratic import QuadraticBaseline, QuadraticConfig
+from dpsearch.policies import Gaussian, RecurrentPolicy
 from dpsearch.rollout import Episodes
 
 NOTHING = torch.zeros(0)
+
+
+def new() -> QuadraticBaseline:
+    return QuadraticBaseline(QuadraticConfig(), RecurrentPolicy(2, Gaussian(1)), seed=0)
 
 
 def batch(seed: int, steps: int = 500) -> tuple[Episodes, np.ndarray, np.ndarray]:
@@ -22,7 +27,7 @@ def batch(seed: int, steps: int = 500) -> tuple[Episodes, np.ndarray, np.ndarray
 
 
 def test_it_fits_a_quadratic_function_after_one_batch() -> None:
-    baseline = QuadraticBaseline(2)
+    baseline = new()
     first, returns, mask = batch(0)
     before, loss = baseline(first, NOTHING, returns, mask)
     assert loss is None
@@ -32,7 +37,7 @@ def test_it_fits_a_quadratic_function_after_one_batch() -> None:
 
 
 def test_it_never_expects_more_or_less_than_was_ever_received() -> None:
-    baseline = QuadraticBaseline(2)
+    baseline = new()
     first, returns, mask = batch(0)
     baseline(first, NOTHING, returns, mask)
     far, _, _ = batch(1)
@@ -43,7 +48,7 @@ def test_it_never_expects_more_or_less_than_was_ever_received() -> None:
 
 
 def test_it_goes_on_from_its_state() -> None:
-    baseline, other = QuadraticBaseline(2), QuadraticBaseline(2)
+    baseline, other = new(), new()
     first, returns, mask = batch(0)
     baseline(first, NOTHING, returns, mask)
     other.load_state_dict(baseline.state_dict())

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from dpsearch.algos import RPG
 from dpsearch.algos.rpg.config import RPGConfig
 from dpsearch.algos.rpg.mirror import Mirror
-from dpsearch.envs.driving.rules import mirror_signs
 from dpsearch.envs.driving.track import Track
 from dpsearch.policies import PolicyConfig
-from dpsearch.rollout import Pieces
-from tests.support.algorithms import gradients
+from dpsearch.rollout import Pieces, Stream, make_rollouts
+from tests.support.algorithms import NO_BASELINE, gradients
 
 POLES = [-1.0] * 4  # two angles and a place seen, one action
 ROAD = [1.0, -1.0, -1.0, -1.0, -1.0]  # a speed is the same in a mirror
@@ -29,15 +28,22 @@ def short_drive() -> Track:
 
 def driver(**settings: Any) -> RPG:
     policy = PolicyConfig(hidden_size=4, init_range=0.3, previous_action=True, noise_memory=0.5)
-    given = {"gradient_length": None, "learning_rate": 1e-4, "natural_step": 0.1, "mirror": ROAD}
+    given = {"gradient_length": None, "learning_rate": 1e-4, "natural_step": 0.1, "mirror": True}
     return RPG(short_drive, policy=policy, seed=2, **given | settings)
 
 
 def balancer(**settings: Any) -> RPG:
     """An Elman net without biases: what it does in the mirror is what a mirror shows it doing."""
     policy = PolicyConfig(core="elman", hidden_size=4, init_range=0.3, bias=False)
-    given = {"natural_step": 0.01, "gradient_length": None, "gamma": 0.9, "baseline_episodes": 0}
-    return RPG("dpsearch/DoublePoleHidden-v0", policy=policy, seed=1, **given | settings)
+    given = {
+        "natural_step": 0.01,
+        "gradient_length": None,
+        "gamma": 0.9,
+        "baseline": NO_BASELINE,
+    }
+    rollouts = make_rollouts("dpsearch/DoublePoleHidden-v0")
+    rollouts.mirror_signs = POLES
+    return RPG(rollouts, policy=policy, seed=1, **given | settings)
 
 
 def test_behind_the_episodes_are_their_images_which_earned_the_same() -> None:
@@ -55,21 +61,21 @@ def test_behind_the_episodes_are_their_images_which_earned_the_same() -> None:
 
 def test_a_policy_that_is_the_same_in_the_mirror_learns_the_same_from_an_image() -> None:
     steps = []
-    for mirror in (None, POLES):
+    for mirror in (False, True):
         rpg = balancer(mirror=mirror)
         with torch.no_grad():
             rpg.policy.readout.weight[1] = 0.0  # of the deviation, which then is the same in the mirror too
         rpg.backpropagate(rpg.play_batch(10))
         of_the_deviation = rpg.policy.readout.weight.grad
         assert of_the_deviation is not None
-        assert mirror is None or of_the_deviation[1].abs().max() < 1e-5  # what differs in the mirror cancels out
+        assert not mirror or of_the_deviation[1].abs().max() < 1e-5  # what differs in the mirror cancels out
         of_the_deviation[1] = 0.0
         steps.append(gradients(rpg) / np.linalg.norm(gradients(rpg)))
     assert steps[0] @ steps[1] > 0.999
 
 
 def test_images_are_taught_by_the_noise_in_the_actions_not_by_the_actions() -> None:
-    rpg = balancer(mirror=POLES)
+    rpg = balancer(mirror=True)
     assert rpg.mirror is not None
     eligibilities = torch.arange(24.0).view(3, 4, 2)
     kept = eligibilities[:, :2].clone()
@@ -79,13 +85,12 @@ def test_images_are_taught_by_the_noise_in_the_actions_not_by_the_actions() -> N
 
 
 def test_the_memory_of_a_mirrored_stream_is_carried_on() -> None:
-    rpg = driver(update_steps=60, baseline="quadratic")
-    assert rpg.stream is not None
-    mirror = Mirror(ROAD, rpg.policy)
+    rpg = driver()
+    stream, mirror = Stream(rpg.rollouts, rpg.training_key), Mirror(ROAD, rpg.policy)
     seen: list[NDArray[np.float32]] = []
     done: list[NDArray[np.float32]] = []
     for _ in range(8):
-        pieces = rpg.stream.play(rpg.policy, 60)
+        pieces = stream.play(rpg.policy, 60)
         both = mirror.doubled(pieces)
         assert isinstance(both, Pieces)
         assert not both.memory[len(pieces) + 1 :].any()
@@ -111,20 +116,37 @@ def test_it_goes_on_bit_for_bit(settings: dict[str, Any], tmp_path: Path) -> Non
 
 
 def test_signs_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ValueError, match="1 or -1 for each of 4 numbers observed and 1 of an action"):
-        driver(mirror=[1.0, -1.0])
-    with pytest.raises(ValueError, match="1 or -1"):
-        driver(mirror=[0.5, *ROAD[1:]])
-    with pytest.raises(ValueError, match="needs a Gaussian policy"):
-        RPG("dpsearch/TMaze-v0", natural_step=0.1, gradient_length=None, mirror=[1.0] * 4)
-    with pytest.raises(ValueError, match="mirror must be null without a natural_step"):
-        RPGConfig(mirror=ROAD)
-    with pytest.raises(ValueError, match="history baseline of a stream"):
-        RPGConfig(mirror=ROAD, natural_step=0.1, gradient_length=None, baseline="history", update_steps=100)
+    policy = balancer().policy
+    for signs in ([1.0, -1.0], [0.5, *POLES[1:]]):
+        with pytest.raises(ValueError, match="not a 1 or -1 for each of 3 numbers observed and 1 of an action"):
+            Mirror(signs, policy)
+
+
+def test_an_environment_that_declares_no_signs_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^mirror must be false: this environment declares no mirror_signs"):
+        RPG("Pendulum-v1", natural_step=0.1, gradient_length=None, mirror=True)
+
+
+def test_a_policy_that_is_not_gaussian_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^mirror must be false: it needs a Gaussian policy"):
+        RPG("dpsearch/TMaze-v0", natural_step=0.1, gradient_length=None, mirror=True)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"mirror": True},
+        {"mirror": ROAD, "natural_step": 0.1, "gradient_length": None},
+        {"mirror": True, "natural_step": 0.1, "gradient_length": None, "baseline": "history", "update_steps": 100},
+    ],
+)
+def test_settings_that_it_does_not_go_with_are_refused(settings: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="mirror must be true or false; false without a natural_step"):
+        RPGConfig(**settings)
 
 
 def test_images_do_not_use_up_the_patience_of_a_start() -> None:
-    rpg = balancer(mirror=POLES, restart_episodes=25, restart_gain=100.0, batch_size=10)
+    rpg = balancer(mirror=True, restart_episodes=25, restart_gain=100.0, batch_size=10)
     rpg.learn(total_updates=6)  # the first 25 episodes, in three batches, set the bar; three more use up patience
     assert rpg.starts == 1
     rpg.learn(total_updates=7)
@@ -133,7 +155,7 @@ def test_images_do_not_use_up_the_patience_of_a_start() -> None:
 
 def test_what_is_lopsided_in_a_policy_is_left_as_it_is() -> None:
     """The images' share of a gradient is that of a symmetric policy."""
-    rpg = balancer(mirror=POLES)
+    rpg = balancer(mirror=True)
     assert rpg.mirror is not None
     outputs = torch.ones(1, 1, 2)
     alone = torch.randn(1, 1, 2, generator=torch.Generator().manual_seed(0))
@@ -142,10 +164,3 @@ def test_what_is_lopsided_in_a_policy_is_left_as_it_is() -> None:
     constant = (both * torch.cat((outputs, outputs), 1)).sum((0, 1))  # of a bias of the mean, and of the deviation
     assert constant[0] == 0.0
     assert constant[1] == 2.0 * alone[0, 0, 1]
-
-
-def test_a_car_s_signs_fit_what_it_sees() -> None:
-    assert mirror_signs(("speed", "steering", "position", "lookahead"), pedals=False) == ROAD
-    assert mirror_signs(("target", "curvature", "angle"), pedals=True) == [1.0, -1.0, -1.0, -1.0, 1.0]
-    assert mirror_signs(("speed", "rays"), pedals=False) is None  # they change places
-    assert mirror_signs(("wheel",), pedals=False) is None  # for the environment to refuse

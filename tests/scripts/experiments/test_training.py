@@ -136,3 +136,9 @@ def test_the_runs_behind_a_published_table_are_found_in_its_log(name: str) -> No
     log = RunLog(ROOT / "docs" / "results" / f"{experiment.log or name}.runs.jsonl")
     first = [job for cell in cells for job in cell.jobs(experiment.run, [0])]
     assert [(job.task, job.method) for job in first if job not in log.find(first)] == []
+
+
+@pytest.mark.parametrize("other", ["algo.baseline.kind=shared", "algo.baseline.cells=8", "algo.batch_size=21"])
+def test_a_fingerprint_tells_baselines_and_their_settings_apart(other: str) -> None:
+    history = (*TINY, "algo.baseline.kind=history")
+    assert compose((*history, other)).fingerprint() != compose(history).fingerprint()

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from dpsearch.algos import RPG
 from dpsearch.algos.advantages import RunningScale, generalised_advantages
 from dpsearch.policies import PolicyConfig
-from tests.support.algorithms import gradients, small_rpg
+from tests.support.algorithms import NO_BASELINE, gradients, small_rpg
 
 
 def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades() -> None:
-    rpg = small_rpg(batch_size=30, entropy_bonus=0.4, entropy_halflife=2.0, baseline_episodes=0)
+    rpg = small_rpg(batch_size=30, entropy_bonus=0.4, entropy_halflife=2.0, baseline=NO_BASELINE)
     episodes = rpg.play_batch(30)
     with_bonus = []
     for updates in (0, 2):
@@ -24,7 +24,7 @@ def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades() -> None:
         rpg.optimizer.zero_grad()
         rpg.backpropagate(episodes)
         with_bonus.append(gradients(rpg))
-    plain = small_rpg(batch_size=30, baseline_episodes=0)
+    plain = small_rpg(batch_size=30, baseline=NO_BASELINE)
     plain.play_batch(30)  # the same episodes
     plain.backpropagate(episodes)
     mask = torch.from_numpy(episodes.mask)
@@ -37,7 +37,7 @@ def test_an_entropy_bonus_adds_the_gradient_of_the_entropy_and_fades() -> None:
 
 def test_the_entropy_of_gaussian_actions_counts_too_from_the_first_update_of_a_start() -> None:
     rpg = RPG(
-        "dpsearch/DoublePoleHidden-v0", policy=PolicyConfig(hidden_size=3, init_range=0.3), baseline_episodes=0,
+        "dpsearch/DoublePoleHidden-v0", policy=PolicyConfig(hidden_size=3, init_range=0.3), baseline=NO_BASELINE,
         entropy_bonus=0.3, entropy_halflife=2.0,
     )  # fmt: skip
     episodes = rpg.play_batch(10)
@@ -54,7 +54,7 @@ def test_the_entropy_of_gaussian_actions_counts_too_from_the_first_update_of_a_s
     rpg.optimizer.zero_grad()
     (rpg.policy.head.entropy(outputs) * torch.from_numpy(episodes.mask)).sum().div(10).backward()
     np.testing.assert_allclose(half - whole, 0.15 * gradients(rpg), rtol=1e-3, atol=1e-5)
-    rpg._first_update = 2  # as after a restart
+    rpg.first_update = 2  # as after a restart
     np.testing.assert_array_equal(gradient(2), whole)
 
 
@@ -94,7 +94,7 @@ def test_a_task_in_other_units_is_learned_alike_when_advantages_are_scaled() -> 
     """Only then: the gradient of the first batch is the same."""
     gradients_of = []
     for factor in (1.0, 1000.0):
-        rpg = small_rpg(normalise_advantages=True, entropy_bonus=0.1, baseline_episodes=0)
+        rpg = small_rpg(normalise_advantages=True, entropy_bonus=0.1, baseline=NO_BASELINE)
         episodes = rpg.play_batch(20)
         rpg.backpropagate(dataclasses.replace(episodes, rewards=np.float32(factor) * episodes.rewards))
         gradients_of.append(gradients(rpg))
