@@ -14,7 +14,6 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dpsearch import config as schema
 from dpsearch.options import meanings
-from dpsearch.policies import PolicyConfig, RecurrentPolicy
 
 WIDTH = 79
 USAGE = """\
@@ -66,7 +65,7 @@ def _choices(group: str, chosen: str | None) -> str:
 def _settings(config: DictConfig, section: str, kind: type[Any]) -> Iterator[str]:
     """Each setting of a section: its value, and what it means."""
     values = OmegaConf.select(config, section) if section else config
-    meaning = meanings(kind) | (meanings(RecurrentPolicy) if kind is PolicyConfig else {})
+    meaning = meanings(kind)
     for setting in fields(kind):
         if section or setting.name not in schema.SECTIONS:
             name = f"{section}.{setting.name}" if section else setting.name
