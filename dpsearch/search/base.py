@@ -52,7 +52,7 @@ class Best:
 
 @dataclass(frozen=True)
 class Result:
-    """What a search has come to.
+    """Result of a search.
 
     Attributes:
         best: The best point told so far.
@@ -214,7 +214,7 @@ class Search(ABC):
         """Move the search distribution. Fitness is -inf where it was NaN or infinite."""
 
     def ask(self) -> Matrix:
-        """The points ``(n, d)`` to be evaluated next; the same ones until they are told."""
+        """Points ``(n, d)`` to be evaluated next. They do not change until they are told."""
         if self._asked is None:
             with one_blas_thread():
                 self._asked = self._propose()

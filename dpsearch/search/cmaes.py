@@ -140,7 +140,7 @@ class CMAES(Search):
 
 @cache
 def _cma() -> ModuleType:
-    """The package, imported when it is needed: it imports Matplotlib, and warns of what is not used here."""
+    """The package, imported when it is needed: it imports Matplotlib, and warns of parts that are not used here."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import cma

@@ -43,7 +43,7 @@ class FEM(GaussianSearch):
         sigma0: Initial standard deviation: one number, or ``(d,)`` of them.
         online: Learn from each sample, so that ``ask`` gives one point at a time; else a generation at once.
         forget_factor: alpha in (0, 1], of the mean: 0.2 if None, in batches 0.5; 1 is maximum likelihood.
-        covariance_forget_factor: That of the covariance: the smaller of 0.5 / d and ``forget_factor`` if None; in
+        covariance_forget_factor: alpha of the covariance: the smaller of 0.5 / d and ``forget_factor`` if None; in
             batches ``forget_factor``.
         centre: The mean from which samples are seen when the covariance is fitted, ``"old"`` or ``"new"``.
         window: How many of the last samples N, the newest one included, the newest is ranked among. Nothing is
@@ -53,7 +53,7 @@ class FEM(GaussianSearch):
         covariance: ``"full"`` or ``"diagonal"``.
         elitist: The best sample so far never leaves the window.
         expansion: Factor of the samples' part in the new covariance; above 1 the distribution shrinks later.
-        population: Samples of a batch, 15 d if None; online there is but one.
+        population: Samples of a batch, at least 2, 15 d if None; online there is but one.
         **options: See ``Search``.
 
     Attributes:

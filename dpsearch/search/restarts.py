@@ -79,7 +79,7 @@ class Restarts(Search):
         if population is not None:
             self._options["population"] = whole("population", population, search_type.least_population)
         self.runs = 0
-        self.run = self._next()
+        self.run = self._begin(0)
         self.population = self.run.population
         if self.growth > 1.0:  # a search that takes no population says so now, not after the first run
             search_type(self.x0, self.sigma0, **{**self._options, "population": self.population})
@@ -104,33 +104,34 @@ class Restarts(Search):
 
     def state_dict(self) -> dict[str, Any]:
         """All that the rest of the search depends on: numbers and arrays."""
-        return {**super().state_dict(), "run": self.run.state_dict()}
+        return {**super().state_dict(), "run": self.run.state_dict(), "run_population": self.run.population}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on exactly where ``state_dict`` was taken; see ``Search``."""
+        run, population = state["run"], state["run_population"]
         super().load_state_dict(state)
         self.runs -= 1
-        self.run = self._next()
-        self.run.load_state_dict(state["run"])
+        self.run = self._begin(population)
+        self.run.load_state_dict(run)
 
-    def _next(self) -> Search:
-        """The run of number ``runs``, which is then counted."""
+    def _begin(self, population: int) -> Search:
+        """The run of number ``runs``, which is then counted; of this population if populations grow."""
         generator = np.random.default_rng((self.seed, self.runs))
         seed = int(generator.integers(2**64, dtype=np.uint64))
         x0, options = self.x0, self._options
         if self.runs > 0:
             x0 = x0 + self.spread * self.sigma0 * generator.standard_normal(self.dimension)
             if self.growth > 1.0:
-                options = {**options, "population": self._grown()}
+                options = {**options, "population": population}
         self.runs += 1
         return self._type(x0, self.sigma0, seed=seed, **options)
 
-    def _grown(self) -> int:
-        """The population of run number ``runs``."""
+    def _grown(self, evaluations: int) -> int:
+        """The population of run number ``runs``, which begins after so many evaluations."""
         bounded = self.runs * math.log(self.growth) < math.log(LARGEST_GROWTH)
         grown = round(self.population * (self.growth**self.runs if bounded else LARGEST_GROWTH))
         if self.max_evaluations is not None:
-            grown = min(grown, (self.max_evaluations - self.evaluations) // LEAST_GENERATIONS)
+            grown = min(grown, (self.max_evaluations - evaluations) // LEAST_GENERATIONS)
         return max(grown, self.population)
 
     def _propose(self) -> Matrix:
@@ -143,4 +144,4 @@ class Restarts(Search):
             return
         self.run._take(points, fitness)
         if self.run.stop():
-            self.run = self._next()
+            self.run = self._begin(self._grown(self.evaluations + len(points)))

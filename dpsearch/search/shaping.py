@@ -1,7 +1,7 @@
 """Fitness shaping: utilities by rank, so that only the order of fitness values matters (section 4.4).
 
-Every function maps fitness ``(n,)`` to utilities ``(n,)``. Equal fitness gets equal utility, the mean of what the
-ranks would have given: on a plateau a search then stands still instead of drifting with the order of its samples.
+Every function maps fitness ``(n,)`` to utilities ``(n,)``. Equal fitness gets equal utility, the mean utility of the
+ranks it takes: on a plateau a search then stands still instead of drifting with the order of its samples.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Standing still: by which fitness shows that a search gets no further, though its distribution has not shrunk.
+"""Standstill: the signs in the fitness that a search gets no further, though its distribution has not shrunk.
 
 Where the best fitness is not 0, values near the optimum differ by rounding alone long before the distribution has
 shrunk to a point, and on equal fitness a search by rank does not move at all. Two rules, after N. Hansen, "The CMA
@@ -28,7 +28,7 @@ PART = 3  # a long run must have been in vain for one such part
 
 
 class Standstill:
-    """The fitness of one search, as far as the rules need it: its memory does not grow with the run.
+    """Rules that end a stuck search. They keep a summary of its fitness, which does not grow with the run.
 
     Args:
         tolfun: Differences of fitness that count as none, beside those of rounding; None: no rule ``flat``.

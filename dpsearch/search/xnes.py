@@ -94,7 +94,7 @@ class XNES(GaussianSearch):
 
 
 def mann_whitney(fitness: Vector, weights: Vector) -> float:
-    """How likely it is that samples of these weights are better than the same samples with weight 1.
+    """Probability that samples with these weights are better than samples with weight 1.
 
     The weighted Mann-Whitney test: 0.5 if the weights say nothing, 1 if they favour the fit without doubt.
     """

@@ -107,6 +107,15 @@ def test_no_more_points_are_asked_than_the_budget_leaves(search_type: Any, budge
     assert asked == budget
 
 
+def test_a_grown_run_goes_on_from_its_state_near_the_end_of_the_budget() -> None:
+    search, heir = (Restarts(XNES, np.ones(2), 0.5, seed=1, growth=2.0, max_evaluations=3000) for _ in range(2))
+    while not search.stop():
+        heir.load_state_dict(search.state_dict())
+        np.testing.assert_array_equal(heir.ask(), search.ask())
+        search.tell(search.ask(), np.zeros(len(search.ask())))
+    assert search.runs > 3
+
+
 @pytest.mark.parametrize("growth", [2.0, 1e200])
 def test_growth_has_an_end(growth: float) -> None:
     restarts = Restarts(XNES, np.ones(2), 0.5, seed=1, growth=growth, patience=60)
