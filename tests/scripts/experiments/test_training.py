@@ -131,8 +131,11 @@ def test_the_runs_behind_a_published_table_are_found_in_its_log(name: str) -> No
     assert isinstance(experiment, Experiment)
     parser = ArgumentParser()
     experiment.add_options(parser)
-    published = json.loads((ROOT / "docs" / "results" / f"{name}.json").read_text())["command"]
-    cells = experiment.cells(parser.parse_known_args(shlex.split(published))[0])
+    published = json.loads((ROOT / "docs" / "results" / f"{name}.json").read_text())
+    shown = {(row["task"], row["method"]) for row in published["rows"]}  # a method may be newer than the table
+    cells = experiment.cells(parser.parse_known_args(shlex.split(published["command"]))[0])
+    cells = [cell for cell in cells if (cell.task, cell.method.label) in shown]
+    assert cells
     log = RunLog(ROOT / "docs" / "results" / f"{experiment.log or name}.runs.jsonl")
     first = [job for cell in cells for job in cell.jobs(experiment.run, [0])]
     assert [(job.task, job.method) for job in first if job not in log.find(first)] == []
