@@ -79,6 +79,12 @@ GYM = ("env=gym", "env.id=CartPole-v1")  # where RPG has a history baseline with
         (["algo.baseline={kind: history, cells: 8}"], HistoryConfig(cells=8)),
         ([*GYM], HistoryConfig(steps=5)),
         ([*GYM, "algo.baseline=history"], HistoryConfig()),
+        ([*GYM, "algo.baseline=history", "algo.baseline.cells=8"], HistoryConfig(cells=8)),
+        ([*GYM, "algo.baseline.cells=8", "algo.baseline=history"], HistoryConfig(cells=8)),
+        (
+            ["algo.baseline=history", "algo.baseline.optimizer_options.amsgrad=true"],
+            HistoryConfig(optimizer_options={"amsgrad": True}),
+        ),
         ([*GYM, "algo.baseline.cells=8"], HistoryConfig(cells=8, steps=5)),
         ([*GYM, "algo.baseline.kind=constant"], ConstantConfig()),
         ([*GYM, "algo.baseline.kind=constant", "algo.baseline.episodes=9"], ConstantConfig(9)),
@@ -89,6 +95,10 @@ def test_a_baseline_that_the_user_chooses_takes_no_settings_of_the_one_in_a_file
     overrides: list[str], expected: object
 ) -> None:
     assert composed(*overrides).algo.baseline == expected
+
+
+def test_the_default_baseline_takes_settings_without_its_kind() -> None:
+    assert composed("algo.baseline.episodes=9").algo.baseline == ConstantConfig(9)
 
 
 @pytest.mark.parametrize("given", ["algo.baseline.steps=5", "algo.baseline={steps: 5}", "++algo.baseline.steps=5"])

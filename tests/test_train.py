@@ -300,7 +300,7 @@ def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_
         ("env=gym", r"error: env\.id must be given$"),
         ("algo.baseline={kind:quadratic,cells:8}", r"algo\.baseline\.cells is no setting of the quadratic baseline"),
         ("algo.baseline.episodes=few", r"algo\.baseline\.episodes must be a whole number, 0 or more, got 'few'"),
-        ("algo.baseline=history algo.baseline.cells=8", r"algo\.baseline\.cells needs algo\.baseline\.kind=KIND"),
+        ("algo.baseline=history algo.baseline.episodes=8", r"algo\.baseline\.episodes is no setting of the history"),
         ("algo.baseline_cells=8", r"algo\.baseline_cells is now algo\.baseline\.cells$"),
         ("policy.core=rnn", r"policy\.core=rnn is now policy\.core=elman$"),
         ("+algo.baseline_cells=8", r"algo\.baseline_cells is now algo\.baseline\.cells$"),
