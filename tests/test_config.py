@@ -101,10 +101,30 @@ def test_the_default_baseline_takes_settings_without_its_kind() -> None:
     assert composed("algo.baseline.episodes=9").algo.baseline == ConstantConfig(9)
 
 
-@pytest.mark.parametrize("given", ["algo.baseline.steps=5", "algo.baseline={steps: 5}", "++algo.baseline.steps=5"])
-def test_a_setting_that_the_user_gives_to_another_baseline_is_refused(given: str) -> None:
-    with pytest.raises(RunError, match=r"^algo\.baseline\.steps is no setting of the constant baseline, which takes"):
-        composed(*GYM, "algo.baseline.kind=constant", given)
+NO_SETTING = r"^algo\.baseline\.steps is no setting of the constant baseline, which takes episodes$"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ([*GYM, "algo.baseline.kind=constant", "algo.baseline.steps=5"], NO_SETTING),
+        ([*GYM, "algo.baseline.kind=constant", "algo.baseline={steps: 5}"], NO_SETTING),
+        ([*GYM, "algo.baseline.kind=constant", "++algo.baseline.steps=5"], NO_SETTING),
+        ([*GYM, "algo.baseline=constant", "algo.baseline.steps=5"], NO_SETTING),
+        (["algo.baseline.kind=mean"], r"^algo\.baseline\.kind must be one of constant, .*, got 'mean'$"),
+        (["algo.baseline=mean"], r"^algo\.baseline\.kind must be one of constant, .*, got 'mean'$"),
+        (["algo.baseline.episodes=few"], r"^algo\.baseline\.episodes must be a whole number, 0 or more, got 'few'$"),
+        (["algo.baseline.cells=8"], r"^algo\.baseline\.cells is no setting of the constant baseline, which takes epi"),
+        (["algo.baseline_cells=8"], r"^algo\.baseline_cells is now algo\.baseline\.cells$"),
+        (["+algo.baseline_cells=8"], r"^algo\.baseline_cells is now algo\.baseline\.cells$"),
+        (["algo=lrwr", "algo.baseline_weight=1"], r"^algo\.baseline_weight is now algo\.baseline\.weight$"),
+    ],
+)
+def test_a_setting_that_the_user_gives_and_the_baseline_does_not_take_is_refused(
+    overrides: list[str], message: str
+) -> None:
+    with pytest.raises(RunError, match=message):
+        composed(*overrides)
 
 
 def test_a_setting_that_no_baseline_has_is_refused_from_files_too() -> None:
