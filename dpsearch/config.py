@@ -257,7 +257,7 @@ def completed(config: DictConfig, choices: Mapping[str, str], overrides: Sequenc
     env_id = OmegaConf.select(config, "env.id")
     env = GymConfig if choices["env"] == "gym" or env_id is None else env_config(env_id)
     kinds = {"algo": ALGORITHMS[choices["algo"]].config_type, "env": env}
-    _drop_left_behind(config, overrides)
+    _settle_baseline(config, overrides)
     given = OmegaConf.to_container(config)
     assert isinstance(given, dict)
     _refuse_unknown(given, TrainConfig)
@@ -320,15 +320,18 @@ def checked(config: DictConfig) -> TrainConfig:
     return settings
 
 
-def _drop_left_behind(config: DictConfig, overrides: Sequence[str]) -> None:
-    """Drop from ``algo.baseline`` the settings of other kinds, except those that the user gave."""
+def _settle_baseline(config: DictConfig, overrides: Sequence[str]) -> None:
+    """Make ``algo.baseline`` what the user chose: a kind, with settings of the user's own or of files for that kind."""
+    mine = [o for o in OverridesParser.create().parse_overrides(list(overrides)) if not o.is_delete()]
+    given: dict[str, Any] = {o.key_or_group: o.value() for o in mine if o.key_or_group.startswith("algo.baseline.")}
+    whole = [o.value() for o in mine if o.key_or_group == "algo.baseline"]
+    if given and whole and isinstance(whole[-1], str):  # the one has overwritten the other
+        OmegaConf.update(config, "algo.baseline", {"kind": whole[-1]}, merge=False)
+        for key, value in given.items():
+            OmegaConf.update(config, key, value)
     baseline = OmegaConf.select(config, "algo.baseline")
-    if not isinstance(baseline, DictConfig):
-        return
-    given: set[str] = set()
-    for override in OverridesParser.create().parse_overrides(list(overrides)):
-        key, value = override.key_or_group, override.value()
-        given |= {str(name) for name in value} if key == "algo.baseline" and isinstance(value, dict) else {key}
-    own = {key.removeprefix("algo.baseline.") for key in given}
-    for name in left_behind({str(key): baseline[key] for key in baseline}, own):
-        del baseline[name]
+    if isinstance(baseline, DictConfig) and "kind" in baseline:
+        names = {key.removeprefix("algo.baseline.") for key in given}
+        names |= {str(name) for value in whole if isinstance(value, dict) for name in value}
+        for name in left_behind({str(key): baseline[key] for key in baseline}, names):
+            del baseline[name]

@@ -29,7 +29,6 @@ from dpsearch.config import TrainConfig
 from dpsearch.files import CheckpointError
 from dpsearch.help import page
 from dpsearch.policies import UnsupportedSpaceError
-from dpsearch.renamed import renaming
 from dpsearch.rollout import EnvironmentFailedError, Rollouts
 from dpsearch.runs import EnvRecipe, Limits, Run, RunDirectory, RunError
 
@@ -244,11 +243,6 @@ def _one_line(error: Exception) -> str:
     if "Config search path:" in lines:
         lines = lines[: lines.index("Config search path:")]
     where = [line.removeprefix("full_key: ") for line in lines if line.startswith("full_key: ")]
-    for key in where:
-        if words := renaming(key):
-            return words
-        if key.startswith("algo.baseline."):
-            return f"{key} needs algo.baseline.kind=KIND: algo.baseline=KIND is a kind with its default settings"
     noise = ("To append to", "full_key: ", "reference_type=", "object_type=", "See https:")
     said = [line for line in lines if line and not line.startswith(noise)]
     return ": ".join(line.rstrip(".:") for line in (said if cause else where + said))

@@ -79,6 +79,12 @@ GYM = ("env=gym", "env.id=CartPole-v1")  # where RPG has a history baseline with
         (["algo.baseline={kind: history, cells: 8}"], HistoryConfig(cells=8)),
         ([*GYM], HistoryConfig(steps=5)),
         ([*GYM, "algo.baseline=history"], HistoryConfig()),
+        ([*GYM, "algo.baseline=history", "algo.baseline.cells=8"], HistoryConfig(cells=8)),
+        ([*GYM, "algo.baseline.cells=8", "algo.baseline=history"], HistoryConfig(cells=8)),
+        (
+            ["algo.baseline=history", "algo.baseline.optimizer_options.amsgrad=true"],
+            HistoryConfig(optimizer_options={"amsgrad": True}),
+        ),
         ([*GYM, "algo.baseline.cells=8"], HistoryConfig(cells=8, steps=5)),
         ([*GYM, "algo.baseline.kind=constant"], ConstantConfig()),
         ([*GYM, "algo.baseline.kind=constant", "algo.baseline.episodes=9"], ConstantConfig(9)),
@@ -91,10 +97,34 @@ def test_a_baseline_that_the_user_chooses_takes_no_settings_of_the_one_in_a_file
     assert composed(*overrides).algo.baseline == expected
 
 
-@pytest.mark.parametrize("given", ["algo.baseline.steps=5", "algo.baseline={steps: 5}", "++algo.baseline.steps=5"])
-def test_a_setting_that_the_user_gives_to_another_baseline_is_refused(given: str) -> None:
-    with pytest.raises(RunError, match=r"^algo\.baseline\.steps is no setting of the constant baseline, which takes"):
-        composed(*GYM, "algo.baseline.kind=constant", given)
+def test_the_default_baseline_takes_settings_without_its_kind() -> None:
+    assert composed("algo.baseline.episodes=9").algo.baseline == ConstantConfig(9)
+
+
+NO_SETTING = r"^algo\.baseline\.steps is no setting of the constant baseline, which takes episodes$"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ([*GYM, "algo.baseline.kind=constant", "algo.baseline.steps=5"], NO_SETTING),
+        ([*GYM, "algo.baseline.kind=constant", "algo.baseline={steps: 5}"], NO_SETTING),
+        ([*GYM, "algo.baseline.kind=constant", "++algo.baseline.steps=5"], NO_SETTING),
+        ([*GYM, "algo.baseline=constant", "algo.baseline.steps=5"], NO_SETTING),
+        (["algo.baseline.kind=mean"], r"^algo\.baseline\.kind must be one of constant, .*, got 'mean'$"),
+        (["algo.baseline=mean"], r"^algo\.baseline\.kind must be one of constant, .*, got 'mean'$"),
+        (["algo.baseline.episodes=few"], r"^algo\.baseline\.episodes must be a whole number, 0 or more, got 'few'$"),
+        (["algo.baseline.cells=8"], r"^algo\.baseline\.cells is no setting of the constant baseline, which takes epi"),
+        (["algo.baseline_cells=8"], r"^algo\.baseline_cells is now algo\.baseline\.cells$"),
+        (["+algo.baseline_cells=8"], r"^algo\.baseline_cells is now algo\.baseline\.cells$"),
+        (["algo=lrwr", "algo.baseline_weight=1"], r"^algo\.baseline_weight is now algo\.baseline\.weight$"),
+    ],
+)
+def test_a_setting_that_the_user_gives_and_the_baseline_does_not_take_is_refused(
+    overrides: list[str], message: str
+) -> None:
+    with pytest.raises(RunError, match=message):
+        composed(*overrides)
 
 
 def test_a_setting_that_no_baseline_has_is_refused_from_files_too() -> None:

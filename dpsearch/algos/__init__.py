@@ -1,4 +1,4 @@
-"""Algorithms: one a file, each beside its chapter of the thesis."""
+"""Algorithms: RPG (chapter 3, ``rpg/``), LRWR (chapter 6) and policy search by black-box optimisers (chapters 4, 5)."""
 
 from typing import Any
 
