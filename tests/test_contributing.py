@@ -32,12 +32,17 @@ EXAMPLES = {"two_doors": ("Add a finite task", "TwoDoors"), "pendulum": ("Add a 
 """File name of each example: the heading that it stands under, and the name of its scalar class."""
 
 
+def block(heading: str, language: str) -> str:
+    """The first block in a language under a heading."""
+    section = CONTRIBUTING.read_text(encoding="utf-8").split(f"## {heading}\n")[1].split("\n## ")[0]
+    found = re.search(rf"^( *)```{language}\n(.*?)^\1```", section, re.DOTALL | re.MULTILINE)
+    assert found is not None
+    return textwrap.dedent(found[2])
+
+
 def module_in(heading: str, path: Path) -> ModuleType:
     """The first block of Python under a heading, saved as a file and imported."""
-    section = CONTRIBUTING.read_text(encoding="utf-8").split(f"## {heading}\n")[1].split("\n## ")[0]
-    block = re.search(r"^( *)```python\n(.*?)^\1```", section, re.DOTALL | re.MULTILINE)
-    assert block is not None
-    path.write_text(textwrap.dedent(block[2]))
+    path.write_text(block(heading, "python"))
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
@@ -122,12 +127,36 @@ def test_two_doors_need_memory_and_rpg_finds_it(modules: dict[str, ModuleType]) 
     assert learned.evaluate(100).mean_return > 0.9
 
 
-@pytest.mark.usefixtures("modules")
-@pytest.mark.parametrize("name", ["TwoDoors", "Pendulum"])
-def test_the_training_application_runs_them(name: str, tmp_path: Path) -> None:
-    outcome = train("env=gym", f"env.id=examples/{name}-v0", "total_updates=2", f"run_dir={tmp_path / 'run'}")
+@pytest.fixture
+def configured(modules: dict[str, ModuleType], tmp_path: Path) -> Iterator[str]:
+    """Two doors with the id and the file of configuration that the page says; what makes Hydra find the file."""
+    (tmp_path / "env").mkdir()
+    (tmp_path / "env" / "two_doors.yaml").write_text(block("Add a finite task", "yaml"))
+    gym.register("dpsearch/TwoDoors-v0", modules["two_doors"].TwoDoors, reward_threshold=0.9)
+    yield f"hydra.searchpath=[{tmp_path}]"
+    del gym.registry["dpsearch/TwoDoors-v0"]
+
+
+def test_two_doors_are_trained_from_the_command_line(configured: str, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    outcome = train(configured, "env=two_doors", "env.penalty=0.5", "total_updates=2", f"run_dir={run}")
     assert outcome.code == 0, outcome.err
-    assert len(metrics(tmp_path / "run")) == 2
+    assert len(metrics(run)) == summary(run)["updates"] == 2
+    outcome = train(configured, "env=two_doors", "env.penalty=-1", "total_updates=2", f"run_dir={tmp_path / 'other'}")
+    assert (outcome.code, outcome.err) == (2, "error: env.penalty must not be negative, got -1.0\n")
+
+
+def test_help_lists_the_settings_of_two_doors(configured: str) -> None:
+    assert "Cost of opening the wrong door, not negative" in train(configured, "env=two_doors", "--help").out
+
+
+def test_the_configured_discount_factor_is_the_tasks_own(configured: str, modules: dict[str, ModuleType]) -> None:
+    assert f"gamma: {modules['two_doors'].two_doors_pomdp().discount}" in block("Add a finite task", "yaml")
+
+
+def test_a_pendulum_is_trained_from_the_command_line(modules: dict[str, ModuleType], tmp_path: Path) -> None:
+    outcome = train("env=gym", "env.id=examples/Pendulum-v0", "total_updates=2", f"run_dir={tmp_path / 'run'}")
+    assert outcome.code == 0, outcome.err
     assert summary(tmp_path / "run")["updates"] == 2
 
 
@@ -155,4 +184,6 @@ def test_every_path_that_is_named_exists() -> None:
 def test_every_room_is_in_the_table() -> None:
     table = CONTRIBUTING.read_text(encoding="utf-8").split("## The house")[1].split("Habits:")[0]
     rooms = {path.name for path in (ROOT / "dpsearch").iterdir() if path.is_dir() and (path / "__init__.py").exists()}
-    assert {room for room in rooms if f"{room}/" not in table} == set()
+    files = {path.name for path in (ROOT / "dpsearch").glob("*.py")} - {"__init__.py"}
+    assert {room for room in rooms if f"{room}/`" not in table} == set()
+    assert {file for file in files if f"{file}`" not in table} == set()
