@@ -326,7 +326,7 @@ def test_a_directory_that_holds_a_run_is_left_alone(copy: Path) -> None:
 @pytest.mark.parametrize("size", [0, 100, 3000])
 def test_a_truncated_checkpoint_is_refused(copy: Path, size: int) -> None:
     os.truncate(copy / "checkpoint.pt", size)
-    assert_refused(train(f"resume={copy}"), "checkpoint.pt is truncated or not a checkpoint")
+    assert_refused(train(f"resume={copy}"), "checkpoint.pt is damaged, truncated or not a checkpoint")
     assert len(metrics(copy)) == 60
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from dpsearch.files import atomic_write
 from dpsearch.runs.errors import RunError
 
 
@@ -79,7 +79,7 @@ class RunDirectory:
             self.config.parent.mkdir(parents=True, exist_ok=True)
             overrides = OmegaConf.create(list(hydra.overrides.task))
             for name, content in (("hydra", OmegaConf.create({"hydra": hydra})), ("overrides", overrides)):
-                _write(self.config.with_name(f"{name}.yaml"), OmegaConf.to_yaml(content))
+                atomic_write(self.config.with_name(f"{name}.yaml"), OmegaConf.to_yaml(content))
             self.write_config(config)
         except OSError as error:
             raise RunError(f"cannot write the run directory {self.path}: {error.strerror}") from error
@@ -102,7 +102,7 @@ class RunDirectory:
 
     def write_config(self, config: DictConfig) -> None:
         """Write the configuration."""
-        _write(self.config, OmegaConf.to_yaml(config, resolve=True))
+        atomic_write(self.config, OmegaConf.to_yaml(config, resolve=True))
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write the results of the run.
@@ -114,11 +114,4 @@ class RunDirectory:
             text = json.dumps(summary, indent=2, allow_nan=False)
         except ValueError as error:
             raise RunError(f"cannot write {self.summary}: {error}") from error
-        _write(self.summary, text + "\n")
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_text(text)
-    os.replace(beside, path)
+        atomic_write(self.summary, text + "\n")

@@ -115,7 +115,7 @@ def test_a_truncated_checkpoint_is_named(tmp_path: Path, kept: int) -> None:
     path = tmp_path / "rpg.pt"
     make().save(path)
     path.write_bytes(path.read_bytes()[:kept])
-    with pytest.raises(CheckpointError, match=r"rpg\.pt is truncated"):
+    with pytest.raises(CheckpointError, match=r"rpg\.pt is damaged, truncated"):
         RPG.load(path)
 
 
