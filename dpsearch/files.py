@@ -88,7 +88,9 @@ def other_versions(content: Mapping[str, Any]) -> str:
     """The packages, but for Python, that a checkpoint was written with in other versions; empty if there are none."""
     now, then = versions(), content["versions"]
     return ", ".join(
-        f"{name} {then.get(name)} (here {now[name]})" for name in now if name != "python" and then.get(name) != now[name]
+        f"{name} {then.get(name)} (here {now[name]})"
+        for name in now
+        if name != "python" and then.get(name) != now[name]
     )
 
 

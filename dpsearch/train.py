@@ -68,7 +68,7 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
     if hydra_config.mode == RunMode.MULTIRUN and config.run_dir and not OmegaConf.is_interpolation(config, "run_dir"):
         raise RunError("run_dir is one directory, and a sweep needs several: leave it out, or say 'run_dir=X/${seed}'")
     torch.set_num_threads(1)  # fastest at these sizes; and nothing may depend on how many there are
-    resumed = None if config.resume is None else RunDirectory(Path(config.resume))
+    resumed = None if config.resume is None else RunDirectory.named("resume", config.resume)
     if resumed is None:
         choices = dict(hydra_config.runtime.choices)
     else:
@@ -127,7 +127,7 @@ def _saved(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> 
 
 def _new_directory(settings: TrainConfig, choices: dict[str, str]) -> RunDirectory:
     if settings.run_dir is not None:
-        return RunDirectory(Path(settings.run_dir))
+        return RunDirectory.named("run_dir", settings.run_dir)
     env = choices["env"]
     if env == "gym":  # says little
         env = re.sub(r"[^\w.-]+", "-", settings.env.id.rpartition(":")[2])
