@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
+from dpsearch.errors import RunError
 from dpsearch.files import CHECKPOINT, atomic_write
-from dpsearch.runs.errors import RunError
 
 DEEPEST = 30
 """Levels of a configuration's lists and mappings that are read."""

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import BinaryIO
 
-from dpsearch.runs.errors import RunError
+from dpsearch.errors import RunError
 
 
 class MetricsFile:

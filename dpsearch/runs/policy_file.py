@@ -11,7 +11,7 @@ import gymnasium as gym
 from dpsearch.algos import Algorithm
 from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
-from dpsearch.runs.recipe import EnvRecipe
+from dpsearch.rollout import EnvRecipe
 
 
 def save_policy(path: str | PathLike[str], algorithm: Algorithm[Any], recipe: EnvRecipe) -> None:

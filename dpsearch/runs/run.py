@@ -14,13 +14,13 @@ from typing import Any
 
 from dpsearch.algos import Algorithm
 from dpsearch.files import versions
+from dpsearch.rollout import EnvRecipe
 from dpsearch.runs.directory import RunDirectory
 from dpsearch.runs.interruption import Interruption
 from dpsearch.runs.limits import Limits
 from dpsearch.runs.metrics import MetricsFile
 from dpsearch.runs.policy_file import save_policy
 from dpsearch.runs.progress_bar import Progress
-from dpsearch.runs.recipe import EnvRecipe
 from dpsearch.runs.tensorboard import TensorBoardLog
 
 LOOK_SECONDS = 0.25  # between two checks of what is due besides learning

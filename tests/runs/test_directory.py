@@ -68,7 +68,7 @@ def test_a_name_that_is_taken_gets_a_number(tmp_path: Path) -> None:
 
 def test_a_name_below_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(RunError, match="cannot write the run directory .*file/run: Not a directory"):
+    with pytest.raises(RunError, match=r"cannot write the run directory .*file/run: Not a directory"):
         RunDirectory.free(tmp_path / "file" / "run")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -11,9 +12,11 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
 from dpsearch.env_kit import ObserveOnly
+from dpsearch.errors import RunError
 from dpsearch.policies import UnsupportedSpaceError
-from dpsearch.rollout import OnError, Rollouts, make_rollouts
-from dpsearch.runs.errors import RunError
+from dpsearch.rollout.base import Rollouts
+from dpsearch.rollout.gym_engine import OnError
+from dpsearch.rollout.make import make_rollouts
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,12 @@ class EnvRecipe:
         except Exception as error:  # the environment's own code: its message may make no sense without the type
             raise RunError(f"cannot make environment {self.id!r}: {type(error).__name__}: {error}") from error
         return env
+
+    @property
+    def stranger(self) -> str | None:
+        """The module that would be imported to make the environment; None if that is ours, or imported already."""
+        module = self.id.rpartition(":")[0]
+        return None if module in ("", "dpsearch.envs") or module in sys.modules else module
 
     @property
     def drawable(self) -> bool:
