@@ -251,11 +251,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         Raises:
             FloatingPointError: If the environment paid a reward that is not finite.
         """
-        if self.nothing_is_random:  # all would be alike
-            one = self.play_evaluation(1, deterministic=deterministic)
-            evaluation = Evaluation(np.tile(one.returns, n_episodes), np.tile(one.lengths, n_episodes))
-        else:
-            evaluation = self.play_evaluation(n_episodes, deterministic=deterministic)
+        evaluation = self.play_evaluation(n_episodes, deterministic=deterministic)
         if not np.isfinite(evaluation.returns).all():
             raise FloatingPointError("the environment paid a reward that is NaN or infinite in an evaluation episode")
         return evaluation
@@ -270,13 +266,14 @@ class Algorithm(ABC, Generic[ConfigT]):
         """
         episodes = self.rollouts.collect(
             self.policy,
-            n_episodes,
+            1 if self.nothing_is_random else n_episodes,  # all would be alike
             key=self.evaluation_key,
             first_episode=(self.updates << 24) + first,
             greedy=deterministic,
             record=False,
         )
-        return Evaluation(episodes.returns, episodes.lengths)
+        alike = n_episodes // len(episodes)
+        return Evaluation(np.tile(episodes.returns, alike), np.tile(episodes.lengths, alike))
 
     def predict(
         self,

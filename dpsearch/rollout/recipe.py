@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -72,7 +73,7 @@ class EnvRecipe:
         entry = gym.spec(self.id.rpartition(":")[2]).entry_point
         creator = load_env_creator(entry) if isinstance(entry, str) else entry
         metadata = getattr(creator, "metadata", None)
-        return metadata is None or "rgb_array" in metadata.get("render_modes", ())
+        return metadata is None or "rgb_array" in render_modes(metadata)
 
     def rollouts(self, *, threads: int = 1, num_envs: int | None = None, on_error: OnError = "raise") -> Rollouts:
         """The engine that plays episodes of the environment; see ``make_rollouts`` for the arguments.
@@ -87,3 +88,9 @@ class EnvRecipe:
         if self.reward_threshold is not None:
             rollouts.reward_threshold = self.reward_threshold
         return rollouts
+
+
+def render_modes(metadata: Mapping[str, Any] | None) -> list[str]:
+    """The render modes that an environment's metadata name, under today's key or the one of old environments."""
+    named = metadata or {}
+    return list(named.get("render_modes") or named.get("render.modes") or ())

@@ -136,6 +136,6 @@ class Video:
 def _claim(path: Path) -> None:
     """Make sure before the first episode, not after the last, that a file can be written."""
     try:
-        path.touch()
+        open(path, "ab").close()
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}") from error

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -204,47 +203,6 @@ def test_a_run_that_was_killed_goes_on_as_if_nothing_had_happened(
     assert not (run / "summary.json").exists()
     outcome = train(f"resume={run}")
     assert outcome.code == 0, outcome.err
-    assert_same_run(run, uninterrupted)
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_saves_the_run_and_says_how_to_go_on(
-    uninterrupted: Path, tmp_path: Path, number: signal.Signals
-) -> None:
-    run = tmp_path / "run"
-    limits = ("env.corridor_length=3", "until_solved=false", "evaluation_episodes=10", "total_steps=null")
-    process = start(*limits, "total_updates=1000000", f"run_dir={run}", "progress=false")
-    deadline = time.monotonic() + 60
-    while not (run / "metrics.jsonl").exists() or not (run / "metrics.jsonl").stat().st_size:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(number)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 128 + number
-    rows = metrics(run)
-    said = f"{number.name} after update {len(rows)}; to go on: dpsearch-train resume={run}"
-    assert err.splitlines()[1:] == [said]
-    outcome = train(f"resume={run}", f"total_updates={len(rows) + 20}")
-    assert outcome.code == 0
-    assert metrics(run)[: len(rows)] == rows
-    assert train(*limits, f"total_updates={len(rows) + 20}", f"run_dir={tmp_path / 'other'}").code == 0
-    assert metrics(run) == metrics(tmp_path / "other")
-
-
-def test_a_signal_during_the_final_evaluation_says_how_to_go_on(uninterrupted: Path, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    send = (
-        "import os, signal\nfrom dpsearch.algos import RPG\nevaluate = RPG.evaluate\n"
-        "def interrupted(*a, **k):\n  os.kill(os.getpid(), signal.SIGTERM)\n  return evaluate(*a, **k)\n"
-        "RPG.evaluate = interrupted"
-    )
-    process = start(*SMALL, f"run_dir={run}", "progress=false", first=send)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 128 + signal.SIGTERM
-    assert err.splitlines()[1:] == [f"SIGTERM after update 60; to go on: dpsearch-train resume={run}"]
-    assert not (run / "summary.json").exists()
-    assert train(f"resume={run}").code == 0
     assert_same_run(run, uninterrupted)
 
 
