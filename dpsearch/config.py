@@ -106,6 +106,9 @@ def env_config(env_id: str) -> type[EnvConfig]:
     return dataclass_of(f"{recipe.name}Config", options, EnvConfig, missing=MISSING, namespace=namespace)
 
 
+MOST_THREADS, MOST_ENVS = 1024, 65_536  # no system gives more threads, no memory takes more environments
+
+
 @dataclass
 class RolloutConfig:
     """How episodes are played.
@@ -123,10 +126,10 @@ class RolloutConfig:
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the key if a value is out of range."""
-        for name in ("threads", "num_envs"):
+        for name, most in (("threads", MOST_THREADS), ("num_envs", MOST_ENVS)):
             number = getattr(self, name)
-            if number is not None and number < 1:
-                raise ValueError(f"{name} must be at least 1, got {number}")
+            if number is not None and not 1 <= number <= most:
+                raise ValueError(f"{name} must be at least 1 and at most {most}, got {number}")
         if self.on_error not in ("raise", "retry"):
             raise ValueError(f"on_error must be raise or retry, got {self.on_error}")
 
@@ -171,7 +174,7 @@ class TrainConfig:
         """Raise a ValueError that names the key if a value is out of range."""
         accepted = {
             "seed": (0 <= self.seed < 2**64, "in [0, 2**64)"),
-            "evaluation_episodes": (self.evaluation_episodes >= 2, "at least 2"),
+            "evaluation_episodes": (2 <= self.evaluation_episodes <= 2**24, "at least 2 and at most 2**24"),
             "checkpoint_seconds": (self.checkpoint_seconds > 0.0, "positive"),
         }
         for name in ("total_steps", "total_episodes", "total_updates"):

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -17,6 +18,11 @@ from dpsearch.algos.base import EVALUATION
 from dpsearch.files import CheckpointError
 from dpsearch.kernels.philox import episode_seeds, stream_key
 from dpsearch.policies import PolicyRunner, RecurrentPolicy
+from dpsearch.policies.observations import flattener
+from dpsearch.policies.spaces import head_for
+from dpsearch.rollout import EnvironmentFailedError
+from dpsearch.rollout.base import check_fit
+from dpsearch.rollout.recipe import render_modes
 from dpsearch.runs import EnvRecipe, RunDirectory, RunError, load_policy
 from dpsearch.runs.playback import Film, Gif, Video, play_episode
 
@@ -30,11 +36,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     torch.set_num_threads(1)
     try:
         policy, recipe = load_policy(RunDirectory(options.run).policy if options.run.is_dir() else options.run)
+        if recipe.stranger and options.env != recipe.id:
+            raise RunError(
+                f"{options.run} names environment {recipe.id!r}, for which module {recipe.stranger!r} would be "
+                f"imported: if that is meant, give --env {recipe.id}"
+            )
         watched = options.render or options.video or options.gif
         if options.steps and not watched:
             raise RunError("--steps is for watching: give --render, --video or --gif too")
         evaluation = watch(policy, recipe, options) if watched else measure(policy, recipe, options)
-    except (RunError, CheckpointError) as error:
+    except (RunError, CheckpointError, EnvironmentFailedError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
@@ -51,6 +62,7 @@ def measure(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namesp
         RunError: If the environment cannot be played.
     """
     with closing(recipe.rollouts()) as rollouts:
+        _check_fit(policy, recipe, rollouts.observation_space, rollouts.action_space)
         episodes = rollouts.collect(
             policy,
             options.episodes or EPISODES,
@@ -69,7 +81,8 @@ def watch(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespac
     """
     mode = "human" if options.render else "rgb_array"
     with closing(recipe.make()) as env:
-        modes = env.metadata["render_modes"]
+        _check_fit(policy, recipe, env.observation_space, env.action_space)
+        modes = render_modes(env.metadata)
     if not {mode, "rgb_array"} & set(modes):  # Gymnasium can show in a window what is drawn as an array
         raise RunError(f"environment {recipe.id!r} cannot be drawn: its render modes are {modes}")
     no_window: type[Exception] = gym.error.DependencyNotInstalled
@@ -83,6 +96,15 @@ def watch(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespac
         return _play(policy, recipe, options, mode)
     except (gym.error.DependencyNotInstalled, no_window) as error:
         raise RunError(f"environment {recipe.id!r} cannot be drawn: {error}") from error
+
+
+def _check_fit(
+    policy: RecurrentPolicy, recipe: EnvRecipe, observation_space: gym.Space[Any], action_space: gym.Space[Any]
+) -> None:
+    try:
+        check_fit(policy, flattener(observation_space).size, head_for(action_space).action_size)
+    except (ValueError, TypeError) as error:
+        raise RunError(f"the policy does not fit environment {recipe.id!r}: {error}") from error
 
 
 def _play(policy: RecurrentPolicy, recipe: EnvRecipe, options: argparse.Namespace, mode: str) -> Evaluation:
@@ -128,6 +150,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="dpsearch-evaluate", description="Say what a trained policy achieves, and show it."
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="directory of a run, or a policy.pt")
+    parser.add_argument("--env", metavar="ID", help="the environment's id, if a module of yours has it")
     parser.add_argument(
         "--episodes",
         type=_positive,

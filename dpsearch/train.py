@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import shlex
 import sys
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
 from signal import Signals
+from traceback import walk_tb
 from typing import Any
 
 import hydra
@@ -29,11 +32,15 @@ from dpsearch.config import TrainConfig
 from dpsearch.files import CheckpointError
 from dpsearch.help import page
 from dpsearch.policies import UnsupportedSpaceError
-from dpsearch.rollout import EnvironmentFailedError, Rollouts
-from dpsearch.runs import EnvRecipe, Limits, Run, RunDirectory, RunError
+from dpsearch.rollout import EnvironmentFailedError, EnvRecipe, Rollouts
+from dpsearch.runs import Limits, Run, RunDirectory, RunError
+from dpsearch.runs.overrides import check_booleans
+from dpsearch.runs.resumption import check_unchanged
 
 FULL_ERROR = "HYDRA_FULL_ERROR"
 TRACEBACKS = os.environ.get(FULL_ERROR) == "1"  # asked for, even where one line would do
+
+_failed: list[str] = []  # jobs of this sweep
 
 schema.register()
 
@@ -41,20 +48,42 @@ schema.register()
 def main() -> None:
     """Compose the configuration from the command line, and train."""
     os.environ[FULL_ERROR] = "1"  # Hydra then leaves its errors to us
+    _failed.clear()
     try:
-        with _errors_in_one_line():
+        with _warnings_in_one_line(), _errors_in_one_line():
             if {"--help", "-h"} & set(sys.argv[1:]):
                 print(page([argument for argument in sys.argv[1:] if not argument.startswith("-")]))
             else:
                 _application()
+            if _failed:
+                raise RunError(f"of the sweep, these jobs failed: {', '.join(_failed)}")
     except KeyboardInterrupt:
         sys.exit(130)
+    except Exception as error:
+        ours = any(frame.f_code is _application.__wrapped__.__code__ for frame, _ in walk_tb(error.__traceback__))
+        if TRACEBACKS or ours:
+            raise
+        print(f"error: {_one_line(error)}", file=sys.stderr)  # Hydra's, of what the command line says
+        sys.exit(2)
 
 
 @hydra.main(config_path="pkg://dpsearch.configs", config_name="train", version_base="1.3")
 def _application(config: DictConfig) -> None:
+    hydra_config = HydraConfig.get()
+    sweep = hydra_config.mode == RunMode.MULTIRUN
     with _errors_in_one_line():  # here too: Hydra adds a line to what it sees
-        train(config, HydraConfig.get())
+        if sweep and config.run_dir and not OmegaConf.is_interpolation(config, "run_dir"):
+            raise RunError(
+                "run_dir is one directory, and a sweep needs several: leave it out, or say 'run_dir=X/${seed}'"
+            )
+    job = f"job {hydra_config.job.num} ({hydra_config.job.override_dirname})" if sweep else ""
+    try:
+        with _errors_in_one_line(job):
+            train(config, hydra_config)
+    except SystemExit as end:
+        if not sweep or end.code != 2:
+            raise
+        _failed.append(job)  # the others may do better
 
 
 def train(config: DictConfig, hydra_config: HydraConf) -> None:
@@ -69,10 +98,9 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         CheckpointError: If the run to go on with has no checkpoint that can be read.
         SystemExit: If a signal ended it, once the checkpoint is written.
     """
-    if hydra_config.mode == RunMode.MULTIRUN and config.run_dir and not OmegaConf.is_interpolation(config, "run_dir"):
-        raise RunError("run_dir is one directory, and a sweep needs several: leave it out, or say 'run_dir=X/${seed}'")
     torch.set_num_threads(1)  # fastest at these sizes; and nothing may depend on how many there are
-    resumed = None if config.resume is None else RunDirectory(Path(config.resume))
+    check_booleans(hydra_config.overrides.task, config)
+    resumed = None if config.resume is None else RunDirectory.named("resume", config.resume)
     if resumed is None:
         choices = dict(hydra_config.runtime.choices)
     else:
@@ -80,10 +108,12 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
     overrides = [] if resumed else list(hydra_config.overrides.task)
     config = schema.completed(config, choices, overrides)
     settings = schema.checked(config)
+    decisive = _decisive(config)
+    checksum = check_unchanged(resumed, decisive) if resumed is not None and resumed.has_begun else None
     recipe = settings.env.recipe()
     rollouts = _rollouts(recipe, settings)
     limits = _limits(settings, rollouts)
-    algorithm = _algorithm(ALGORITHMS[choices["algo"]], settings, rollouts, resumed)
+    algorithm = _algorithm(ALGORITHMS[choices["algo"]], settings, recipe, rollouts, resumed)
     directory = resumed or _new_directory(settings, choices)
     if resumed is None:
         directory.begin(config, hydra_config)
@@ -93,7 +123,8 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
             algorithm,
             recipe,
             limits,
-            hyperparameters=_hyperparameters(config),
+            settings=decisive,
+            metrics_checksum=checksum,
             checkpoint_seconds=settings.checkpoint_seconds,
             progress=settings.progress,
         ) as run:
@@ -113,9 +144,10 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         raise RunError(f"{error}; the run so far is in {directory.path}, and goes on with: {resume}") from error
     if isinstance(outcome, Signals):
         resume = _command(f"resume={directory.path}")
-        print(f"{outcome.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)
+        with suppress(OSError):  # after SIGHUP, there may be no terminal any more
+            print(f"{outcome.name} after update {algorithm.updates}; to go on: {resume}", file=sys.stderr)
         sys.exit(128 + outcome)
-    print(_report(directory, outcome, recipe.drawable))
+    print(_report(directory, outcome, recipe))
 
 
 def _saved(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> tuple[DictConfig, dict[str, str]]:
@@ -133,7 +165,7 @@ def _saved(directory: RunDirectory, asked: DictConfig, overrides: list[str]) -> 
 
 def _new_directory(settings: TrainConfig, choices: dict[str, str]) -> RunDirectory:
     if settings.run_dir is not None:
-        return RunDirectory(Path(settings.run_dir))
+        return RunDirectory.named("run_dir", settings.run_dir)
     env = choices["env"]
     if env == "gym":  # says little
         env = re.sub(r"[^\w.-]+", "-", settings.env.id.rpartition(":")[2])
@@ -175,24 +207,30 @@ def _in_full(error: BaseException, **sections: Any) -> str:
 
 
 def _algorithm(
-    kind: type[Algorithm[Any]], settings: TrainConfig, rollouts: Rollouts, resumed: RunDirectory | None
+    kind: type[Algorithm[Any]],
+    settings: TrainConfig,
+    recipe: EnvRecipe,
+    rollouts: Rollouts,
+    resumed: RunDirectory | None,
 ) -> Algorithm[Any]:
     """The algorithm as the checkpoint has it, or a new one."""
     if resumed is not None and resumed.has_begun:
         try:
-            return kind.load(resumed.checkpoint, env=rollouts)
+            return kind.load(resumed.checkpoint, env=rollouts, recipe=recipe)
         except OSError as error:  # a simulator does not start, or ends while the episode is played up to where it was
             raise RunError(str(error)) from error
     try:
-        return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed)
-    except (UnsupportedSpaceError, ValueError, TypeError) as error:
+        return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed, recipe=recipe)
+    except (UnsupportedSpaceError, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise RunError(_in_full(error, policy=settings.policy, algo=settings.algo)) from error
 
 
-def _hyperparameters(config: DictConfig) -> dict[str, Any]:
+def _decisive(config: DictConfig) -> dict[str, Any]:
+    """The settings that decide what a run learns, as plain values."""
     plain = OmegaConf.to_container(config, resolve=True)
     assert isinstance(plain, dict)
-    return {str(key): plain[key] for key in ("algo", "env", "policy", "seed")}
+    own = {str(key): plain[key] for key in ("algo", "env", "policy", "seed")}
+    return {**own, "rollout": {"num_envs": plain["rollout"]["num_envs"]}}
 
 
 def _command(*arguments: str) -> str:
@@ -201,35 +239,53 @@ def _command(*arguments: str) -> str:
     return f"{program} {shlex.join(arguments)}"
 
 
-def _report(directory: RunDirectory, summary: dict[str, Any], drawable: bool) -> str:
+def _report(directory: RunDirectory, summary: dict[str, Any], recipe: EnvRecipe) -> str:
     """What a finished run says in the end."""
     threshold, path = summary["reward_threshold"], shlex.quote(str(directory.path))
     achieved = [
-        f"{summary[f'return_{kind}']:,.6g} ± {round(summary[f'return_{kind}_se'], 9):.2g} {kind}"
+        f"{_number(summary[f'return_{kind}'], ',.6g')} ± {_number(summary[f'return_{kind}_se'], '.2g')} {kind}"
         for kind in ("stochastic", "greedy")
     ]
     if threshold is not None:
-        achieved.append(f"{'solved' if summary['solved'] else 'not solved'} (threshold {threshold:g})")
+        elsewhere = summary["solved"] and (summary["return_stochastic"] or -math.inf) < threshold
+        judged = ", judged in training by other episodes" if elsewhere else ""
+        achieved.append(f"{'solved' if summary['solved'] else 'not solved'} (threshold {threshold:g}{judged})")
+    foreign = "" if recipe.id.rpartition(":")[0] in ("", "dpsearch.envs") else f" --env {shlex.quote(recipe.id)}"
     return "\n".join(
         [
             f"{summary['updates']:,} updates, {summary['episodes']:,} episodes, "
             f"{summary['env_steps']:,} environment steps in {summary['wall_time_s']:.1f} s",
             f"mean return of {summary['evaluation_episodes']} episodes: {', '.join(achieved)}",
-            *([f"watch it:   dpsearch-evaluate {path} --render"] if drawable else []),
+            *([f"watch it:   dpsearch-evaluate {path}{foreign} --render"] if recipe.drawable else []),
             f"see curves: tensorboard --logdir {path}",
         ]
     )
 
 
+def _number(value: float | None, form: str) -> str:
+    return "NaN or infinite" if value is None else format(round(value, 9), form)
+
+
 @contextmanager
-def _errors_in_one_line() -> Iterator[None]:
-    """Turn the errors that are the user's to mend into one line and exit code 2."""
+def _warnings_in_one_line() -> Iterator[None]:
+    """Show warnings without the line of code that gave them."""
+    before = warnings.formatwarning
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before
+
+
+@contextmanager
+def _errors_in_one_line(job: str = "") -> Iterator[None]:
+    """Turn the errors that are the user's to mend into one line, which names the job of a sweep, and exit code 2."""
     try:
         yield
     except (RunError, CheckpointError, HydraException, OmegaConfBaseException) as error:
         if TRACEBACKS:
             raise
-        print(f"error: {_one_line(error)}", file=sys.stderr)
+        print(f"error: {f'{job}: ' if job else ''}{_one_line(error)}", file=sys.stderr)
         sys.exit(2)
 
 

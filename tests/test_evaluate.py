@@ -159,7 +159,7 @@ def test_where_there_is_no_policy_it_says_so(evaluate: Evaluate, tmp_path: Path)
 
 def test_a_truncated_policy_is_refused(evaluate: Evaluate, run: Path, tmp_path: Path) -> None:
     (tmp_path / "policy.pt").write_bytes((run / "policy.pt").read_bytes()[:1000])
-    assert_refused(evaluate(path=tmp_path), "policy.pt is truncated or not a checkpoint")
+    assert_refused(evaluate(path=tmp_path), "policy.pt is damaged, truncated or not a checkpoint")
 
 
 def test_a_checkpoint_in_the_place_of_a_policy_is_refused(evaluate: Evaluate, run: Path) -> None:

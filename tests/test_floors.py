@@ -18,7 +18,7 @@ HOMES = homes()
 # From the ground up. A room imports from the floors below it and from itself, not from its neighbours;
 # on the top floor, where the applications are, all doors are open.
 FLOORS = (
-    {"kernels", "files", "options", "renamed", "configs"},
+    {"kernels", "files", "errors", "options", "renamed", "configs"},
     {"env_kit"},
     {"pomdp"},
     {"envs", "policies", "search"},

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -207,47 +206,6 @@ def test_a_run_that_was_killed_goes_on_as_if_nothing_had_happened(
     assert_same_run(run, uninterrupted)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_saves_the_run_and_says_how_to_go_on(
-    uninterrupted: Path, tmp_path: Path, number: signal.Signals
-) -> None:
-    run = tmp_path / "run"
-    limits = ("env.corridor_length=3", "until_solved=false", "evaluation_episodes=10", "total_steps=null")
-    process = start(*limits, "total_updates=1000000", f"run_dir={run}", "progress=false")
-    deadline = time.monotonic() + 60
-    while not (run / "metrics.jsonl").exists() or not (run / "metrics.jsonl").stat().st_size:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(number)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 128 + number
-    rows = metrics(run)
-    said = f"{number.name} after update {len(rows)}; to go on: dpsearch-train resume={run}"
-    assert err.splitlines()[1:] == [said]
-    outcome = train(f"resume={run}", f"total_updates={len(rows) + 20}")
-    assert outcome.code == 0
-    assert metrics(run)[: len(rows)] == rows
-    assert train(*limits, f"total_updates={len(rows) + 20}", f"run_dir={tmp_path / 'other'}").code == 0
-    assert metrics(run) == metrics(tmp_path / "other")
-
-
-def test_a_signal_during_the_final_evaluation_says_how_to_go_on(uninterrupted: Path, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    send = (
-        "import os, signal\nfrom dpsearch.algos import RPG\nevaluate = RPG.evaluate\n"
-        "def interrupted(*a, **k):\n  os.kill(os.getpid(), signal.SIGTERM)\n  return evaluate(*a, **k)\n"
-        "RPG.evaluate = interrupted"
-    )
-    process = start(*SMALL, f"run_dir={run}", "progress=false", first=send)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 128 + signal.SIGTERM
-    assert err.splitlines()[1:] == [f"SIGTERM after update 60; to go on: dpsearch-train resume={run}"]
-    assert not (run / "summary.json").exists()
-    assert train(f"resume={run}").code == 0
-    assert_same_run(run, uninterrupted)
-
-
 def test_a_finished_run_can_be_made_longer(uninterrupted: Path, copy: Path, tmp_path: Path) -> None:
     assert train(f"resume={copy}", "total_updates=70", "rollout.threads=2", "progress=false").code == 0
     assert train(*SMALL, "total_updates=70", f"run_dir={tmp_path / 'long'}").code == 0
@@ -326,7 +284,7 @@ def test_a_directory_that_holds_a_run_is_left_alone(copy: Path) -> None:
 @pytest.mark.parametrize("size", [0, 100, 3000])
 def test_a_truncated_checkpoint_is_refused(copy: Path, size: int) -> None:
     os.truncate(copy / "checkpoint.pt", size)
-    assert_refused(train(f"resume={copy}"), "checkpoint.pt is truncated or not a checkpoint")
+    assert_refused(train(f"resume={copy}"), "checkpoint.pt is damaged, truncated or not a checkpoint")
     assert len(metrics(copy)) == 60
 
 

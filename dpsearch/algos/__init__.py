@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from dpsearch.algos.base import Algorithm, Evaluation
+from dpsearch.algos.base import Algorithm
+from dpsearch.algos.evaluation import Evaluation
 from dpsearch.algos.lrwr import LRWR, LRWRConfig
 from dpsearch.algos.policy_search import (
     CMAESPolicySearch,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 from os import PathLike
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
@@ -16,13 +16,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dpsearch.files import CheckpointError, read_checkpoint, write_checkpoint
+from dpsearch.algos.evaluation import Evaluation
+from dpsearch.algos.memory import check_batches, check_weights
+from dpsearch.algos.stored import StoredAlgorithm
+from dpsearch.algos.threads import one_torch_thread
+from dpsearch.files import plain, write_checkpoint
 from dpsearch.kernels.philox import stream_key
 from dpsearch.policies import PolicyConfig, RecurrentPolicy
 from dpsearch.policies.observations import flattener
 from dpsearch.policies.spaces import to_env_actions
 from dpsearch.renamed import renaming
-from dpsearch.rollout import EnvSource, Episodes, Rollouts, make_rollouts
+from dpsearch.rollout import EnvRecipe, EnvSource, Episodes, Rollouts, make_rollouts
 
 TRAINING, EVALUATION, WEIGHTS, SOLVING, BASELINE = 1, 2, 3, 4, 6  # purposes of a seed's streams
 RECENT_EPISODES = 100  # training episodes whose mean return is reported, and evaluation episodes that decide "solved"
@@ -30,45 +34,6 @@ RECENT_EPISODES = 100  # training episodes whose mean return is reported, and ev
 Env = EnvSource | Rollouts
 Metrics = dict[str, float]
 ConfigT = TypeVar("ConfigT")
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Returns and lengths of E evaluation episodes.
-
-    Attributes:
-        returns: Undiscounted return of each episode, ``(E,)``.
-        lengths: Steps of each episode, ``(E,)``.
-    """
-
-    returns: NDArray[np.float64]
-    lengths: NDArray[np.int64]
-
-    @property
-    def mean_return(self) -> float:
-        """Mean undiscounted return."""
-        return float(self.returns.mean())
-
-    @property
-    def standard_error(self) -> float:
-        """Standard error of the mean return; NaN for a single episode."""
-        return float(self.returns.std(ddof=1) / np.sqrt(len(self.returns))) if len(self.returns) > 1 else float("nan")
-
-    @property
-    def mean_length(self) -> float:
-        """Mean number of steps."""
-        return float(self.lengths.mean())
-
-
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Make torch use one thread: fastest for small networks, and sums then do not depend on the number of threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 class Algorithm(ABC, Generic[ConfigT]):
@@ -85,6 +50,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         threads: Threads of the lane engine; results do not depend on it.
         env_kwargs: Arguments of the environment, when ``env`` is an id or a factory.
         max_episode_steps: Step limit of an episode, in place of the environment's own.
+        recipe: How ready ``Rollouts`` were made, so that ``load`` can make them again.
         **overrides: Single settings of ``config``, by name.
 
     Attributes:
@@ -92,7 +58,8 @@ class Algorithm(ABC, Generic[ConfigT]):
         values: Names of attributes that a checkpoint holds as they are.
 
     Raises:
-        ValueError: If a setting is out of range, or the environment is unknown or refuses its arguments.
+        ValueError: If a setting is out of range, too large for the memory, or not such that a checkpoint can hold it
+            (numbers, NumPy's too, strings, lists and dicts), or the environment is unknown or refuses its arguments.
         TypeError: If there is no such setting.
         UnsupportedSpaceError: If no policy can handle the environment's spaces.
     """
@@ -114,20 +81,25 @@ class Algorithm(ABC, Generic[ConfigT]):
         threads: int = 1,
         env_kwargs: dict[str, Any] | None = None,
         max_episode_steps: int | None = None,
+        recipe: EnvRecipe | None = None,
         **overrides: Any,
     ) -> None:
         for name in overrides:
             if words := renaming(f"algo.{name}"):
                 raise TypeError(words)
         settings: Any = self.config_type() if config is None else config
-        self.config: ConfigT = dataclasses.replace(settings, **overrides)
-        self.seed = seed
+        overrides = {name: plain(value, name) for name, value in overrides.items()}
+        self.config: ConfigT = plain(dataclasses.replace(settings, **overrides), "config")
+        self.seed = seed = plain(seed, "seed")
+        env_kwargs = None if env_kwargs is None else plain(env_kwargs, "env_kwargs")
+        max_episode_steps = plain(max_episode_steps, "max_episode_steps")
         self.training_key = stream_key(seed, TRAINING)
         self.evaluation_key = stream_key(seed, EVALUATION)
         self.solving_key = stream_key(seed, SOLVING)
         self.env_id = env if isinstance(env, str) else None
         self.env_kwargs = env_kwargs or {}
         self.max_episode_steps = max_episode_steps
+        self.recipe = recipe
         self.rollouts: Rollouts = (
             env
             if isinstance(env, Rollouts)
@@ -136,13 +108,17 @@ class Algorithm(ABC, Generic[ConfigT]):
         if isinstance(policy, RecurrentPolicy):
             self.policy = policy
         else:
-            self.policy = RecurrentPolicy.for_spaces(
+            make_policy = partial(
+                RecurrentPolicy.for_spaces,
                 self.rollouts.observation_space,
                 self.rollouts.action_space,
-                policy or self.default_policy,
+                plain(policy or self.default_policy, "policy"),
                 deterministic=self.deterministic_policy,
                 seed=stream_key(seed, WEIGHTS) >> 1,  # torch takes 63 bits
             )
+            check_weights(make_policy)
+            self.policy = make_policy()
+        check_batches(self.config, self.policy)
         self.updates = 0
         self.episodes = 0
         self.env_steps = 0
@@ -195,6 +171,8 @@ class Algorithm(ABC, Generic[ConfigT]):
             callback: Called after each update with the algorithm and its metrics. It stops the training by returning
                 something false other than None: False, NumPy's False or 0.
 
+        A call that has nothing to do warns, and says why.
+
         Raises:
             ValueError: If nothing would ever stop it.
         """
@@ -203,17 +181,35 @@ class Algorithm(ABC, Generic[ConfigT]):
         limits = (total_steps, total_episodes, total_updates)
         if all(limit is None for limit in limits) and not until_solved and callback is None:
             raise ValueError("learn() needs total_steps, total_episodes, total_updates, until_solved or a callback")
+        if reason := self.reason_to_stop(*limits, until_solved):
+            warnings.warn(f"learn() has nothing to do: {reason}", stacklevel=2)
         with one_torch_thread():
-            while not self.finished and not (until_solved and self.solved):
-                counts = (self.env_steps, self.episodes, self.updates)
-                if any(limit is not None and count >= limit for count, limit in zip(counts, limits, strict=True)):
-                    break
+            while not self.reason_to_stop(*limits, until_solved):
                 metrics = self.update()
                 if until_solved:
                     self.solved = self.check_solved()
                 if callback is not None and (answer := callback(self, metrics)) is not None and not answer:
                     break
         return self
+
+    def reason_to_stop(
+        self,
+        total_steps: int | None = None,
+        total_episodes: int | None = None,
+        total_updates: int | None = None,
+        until_solved: bool = False,
+    ) -> str:
+        """Why ``learn`` with these limits would make no further update; empty if it would."""
+        if self.finished:
+            return "the algorithm has finished, whatever the limits"
+        if until_solved and self.solved:
+            return "the task is solved, and until_solved is True"
+        limits = {"total_steps": total_steps, "total_episodes": total_episodes, "total_updates": total_updates}
+        counts = (self.env_steps, self.episodes, self.updates)
+        for (name, limit), count in zip(limits.items(), counts, strict=True):
+            if limit is not None and count >= limit:
+                return f"{name}={limit} is counted from the beginning of the run, which has come to {count}"
+        return ""
 
     def play_batch(self, n_episodes: int) -> Episodes:
         """The next training episodes of this run, counted.
@@ -245,6 +241,11 @@ class Algorithm(ABC, Generic[ConfigT]):
             return False
         return bool(np.mean(self.recent_returns) >= threshold) and self.solving_return() >= threshold
 
+    def solves(self) -> bool:
+        """Whether the episodes that decide reach the environment's reward threshold."""
+        threshold = self.rollouts.reward_threshold
+        return threshold is not None and self.solving_return() >= threshold
+
     def solving_return(self, n_episodes: int = RECENT_EPISODES) -> float:
         """Mean return of the episodes that decide, at this update, whether the task is solved."""
         played = self.rollouts.collect(
@@ -266,16 +267,27 @@ class Algorithm(ABC, Generic[ConfigT]):
         Raises:
             FloatingPointError: If the environment paid a reward that is not finite.
         """
+        evaluation = self.play_evaluation(n_episodes, deterministic=deterministic)
+        if not np.isfinite(evaluation.returns).all():
+            raise FloatingPointError("the environment paid a reward that is NaN or infinite in an evaluation episode")
+        return evaluation
+
+    def play_evaluation(self, n_episodes: int, *, first: int = 0, deterministic: bool = False) -> Evaluation:
+        """Play some of the episodes that ``evaluate`` plays, whatever they pay.
+
+        Args:
+            n_episodes: How many.
+            first: Number of the first among them.
+            deterministic: Greedy actions instead of sampled ones.
+        """
         episodes = self.rollouts.collect(
             self.policy,
             1 if self.nothing_is_random else n_episodes,  # all would be alike
             key=self.evaluation_key,
-            first_episode=self.updates << 24,
+            first_episode=(self.updates << 24) + first,
             greedy=deterministic,
             record=False,
         )
-        if not np.isfinite(episodes.returns).all():
-            raise FloatingPointError("the environment paid a reward that is NaN or infinite in an evaluation episode")
         alike = n_episodes // len(episodes)
         return Evaluation(np.tile(episodes.returns, alike), np.tile(episodes.lengths, alike))
 
@@ -330,28 +342,29 @@ class Algorithm(ABC, Generic[ConfigT]):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue exactly from where ``state_dict`` was taken."""
         for name in self.parts:
-            part = getattr(self, name)
-            if part is not None:
+            if (part := getattr(self, name)) is not None:
                 part.load_state_dict(state[name])
         for name in self.values:
             setattr(self, name, state[name])
         self.recent_returns = deque(state["recent_returns"], maxlen=RECENT_EPISODES)
 
+    def content(self) -> dict[str, Any]:
+        """Everything that ``save`` writes."""
+        return {
+            "algo": self.name,
+            "config": dataclasses.asdict(self.config),  # type: ignore[call-overload]  # each is a dataclass
+            "policy": plain(self.policy.config(), "policy"),
+            "env": self.env_id,
+            "env_kwargs": self.env_kwargs,
+            "max_episode_steps": self.max_episode_steps,
+            "recipe": None if self.recipe is None else dataclasses.asdict(self.recipe),
+            "seed": self.seed,
+            "state": self.state_dict(),
+        }
+
     def save(self, path: str | PathLike[str]) -> None:
-        """Write everything to one file, from which ``load`` goes on bit for bit."""
-        write_checkpoint(
-            path,
-            {
-                "algo": self.name,
-                "config": dataclasses.asdict(self.config),  # type: ignore[call-overload]  # each is a dataclass
-                "policy": self.policy.config(),
-                "env": self.env_id,
-                "env_kwargs": self.env_kwargs,
-                "max_episode_steps": self.max_episode_steps,
-                "seed": self.seed,
-                "state": self.state_dict(),
-            },
-        )
+        """Write everything to one file, from which ``load`` goes on bit for bit; a missing folder is made."""
+        write_checkpoint(path, self.content())
 
     @classmethod
     def load(
@@ -361,36 +374,27 @@ class Algorithm(ABC, Generic[ConfigT]):
         *,
         env_kwargs: dict[str, Any] | None = None,
         threads: int = 1,
+        recipe: EnvRecipe | None = None,
     ) -> Self:
-        """The algorithm as ``save`` left it.
+        """The algorithm as ``save``, or a run, left it.
+
+        Warns if other versions of torch, NumPy and the like are at work here: the numbers may then go on differently.
 
         Args:
-            path: The file.
-            env: The environment; may be left out if it was given by its id.
+            path: The file, or the directory of a run.
+            env: The environment; may be left out for a run, and for one that was given by its id, unless a module that
+                is not dpsearch's would have to be imported for it.
             env_kwargs: Arguments of the environment; those saved if None and ``env`` is an id, a factory or left out.
             threads: Threads of the lane engine.
+            recipe: How ready ``Rollouts`` were made.
 
         Raises:
-            CheckpointError: If the file is truncated, corrupt, of another algorithm, or does not fit ``env``.
+            CheckpointError: If the file is damaged, of another algorithm, or does not fit ``env``.
+            RunError: If the environment of the run cannot be made.
         """
-        content = read_checkpoint(path)
-        if content.get("algo") != cls.name:
-            raise CheckpointError(f"{path} was saved by {content.get('algo')!r}, not by algorithm {cls.name!r}")
-        if env is None and content["env"] is None:
-            raise CheckpointError(f"{path} does not know its environment's id: give load(path, env=...)")
-        source: Env = content["env"] if env is None else env
-        to_make = isinstance(source, str) or (callable(source) and not isinstance(source, Rollouts))
-        algorithm = cls(
-            source,
-            cls.config_type(**content["config"]),
-            policy=PolicyConfig(**content["policy"]),
-            seed=content["seed"],
-            threads=threads,
-            env_kwargs=content["env_kwargs"] if env_kwargs is None and to_make else env_kwargs,
-            max_episode_steps=content["max_episode_steps"] if to_make else None,
-        )
-        try:
-            algorithm.load_state_dict(content["state"])
-        except (KeyError, RuntimeError, ValueError) as error:
-            raise CheckpointError(f"{path} does not fit this environment: {str(error).splitlines()[0]}") from error
+        stored = StoredAlgorithm.read(path, cls.name)
+        chosen = stored.environment(env, env_kwargs, threads, recipe)
+        algorithm = stored.rebuild(cls, chosen)
+        if algorithm.solved and not stored.is_of(chosen):
+            algorithm.solved = algorithm.solves()
         return algorithm

@@ -20,7 +20,7 @@ OPTIMIZERS = sorted(
     if name not in ("Optimizer", "LBFGS", "SparseAdam", "Muon")
 )
 
-TINY = torch.finfo(torch.float32).tiny
+TINY, LARGEST = torch.finfo(torch.float32).tiny, torch.finfo(torch.float32).max
 
 
 class GradientDescent(torch.optim.SGD):
@@ -51,6 +51,12 @@ def make_optimizer(
     Raises:
         ValueError: If the class does not take these arguments.
     """
+    if learning_rate > LARGEST:
+        raise ValueError(f"learning_rate must be below {LARGEST:.2g}, what a weight can be, got {learning_rate}")
+    for option, value in options.items():
+        numbers = value if isinstance(value, list | tuple) else [value]
+        if any(isinstance(number, float) and not isfinite(number) for number in numbers):
+            raise ValueError(f"optimizer_options must be finite, got {option}={value}")
     kind = GradientDescent if name == "SGD" and not options else getattr(torch.optim, name)
     try:
         optimizer: torch.optim.Optimizer = kind(parameters, lr=learning_rate, **options)

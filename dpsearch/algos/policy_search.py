@@ -21,6 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from dpsearch.algos.base import RECENT_EPISODES, Algorithm, Env, Metrics
+from dpsearch.algos.memory import require_memory
 from dpsearch.algos.settings import require
 from dpsearch.kernels.philox import stream_key
 from dpsearch.options import dataclass_of, options_of
@@ -32,6 +33,7 @@ SEARCH = 5  # purpose of the seed's stream that the search draws from; see those
 CHOICES = ("auto", "best", "mean")
 GIVEN = frozenset({"x0", "seed", "target", "max_evaluations", "diagonal"})
 """Arguments of searches that are no settings: the run gives them, or the class of the search."""
+MATRICES = 4  # as large as the covariance, which a search with one holds at least
 FLAT = 100  # evaluations after which it is said if all fitness was the same
 
 
@@ -120,10 +122,22 @@ class PolicySearch(Algorithm[PolicySearchConfig]):
         self._rejected = 0  # the incumbent that was last found not to solve the task
         self._worst = np.inf  # fitness so far
 
+    @property
+    def _has_matrices(self) -> bool:
+        """Whether the search distribution has a covariance matrix, and not only a variance of each weight."""
+        return self.search_type is not SNES and getattr(self.config, "covariance", "full") == "full"
+
     def _make_search(self) -> Search:
         config, key = self.config, stream_key(self.seed, SEARCH)
         options = config.search_options()
         x0 = self.policy.vector()
+        if self._has_matrices:
+            require_memory(
+                "hidden_size",
+                MATRICES * 8 * len(x0) ** 2,
+                f"{self.name}'s matrices of {len(x0):,} x {len(x0):,} numbers",
+                ": algo=snes, or algo=fem with algo.covariance=diagonal, has none",
+            )
         if config.start_std > 0.0:
             x0 += config.start_std * np.random.default_rng(key).standard_normal(len(x0))
         if not config.restarts:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from dpsearch.files import atomic_write
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +56,7 @@ class Document:
     def write(self, folder: Path) -> None:
         """Write ``name.json`` and ``name.md``, each whole or not at all."""
         for suffix, text in (("json", self.json()), ("md", self.markdown())):
-            beside = folder / f".{self.name}.{suffix}.part"
-            beside.write_text(text)
-            os.replace(beside, folder / f"{self.name}.{suffix}")
+            atomic_write(folder / f"{self.name}.{suffix}", text)
 
 
 def dump(content: Mapping[str, Any]) -> str:

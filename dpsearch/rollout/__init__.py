@@ -6,9 +6,11 @@ from dpsearch.rollout.gym_engine import GymEngine, OnError
 from dpsearch.rollout.gym_envs import EnvSource
 from dpsearch.rollout.lane_engine import LaneEngine
 from dpsearch.rollout.make import make_rollouts
+from dpsearch.rollout.recipe import EnvRecipe
 from dpsearch.rollout.stream import Pieces, Stream
 
 __all__ = [
+    "EnvRecipe",
     "EnvSource",
     "EnvironmentFailedError",
     "Episodes",

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from dpsearch.errors import RunError
 from dpsearch.policies import PolicyRunner
 from dpsearch.policies.observations import flattener
 from dpsearch.policies.spaces import to_env_actions
-from dpsearch.runs.errors import RunError
 
 Frame = NDArray[np.uint8]
 LAST_FRAME_SECONDS = 1.0  # how long an episode's end stays in sight
@@ -136,6 +136,6 @@ class Video:
 def _claim(path: Path) -> None:
     """Make sure before the first episode, not after the last, that a file can be written."""
     try:
-        path.touch()
+        open(path, "ab").close()
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from contextlib import suppress
 from time import perf_counter
 from typing import Any
 
@@ -45,11 +46,22 @@ class Progress:
         )
 
     def update(self, now: float) -> None:
-        """Show the present progress.
+        """Show the present progress; nothing more once the terminal, or who read it, is gone.
 
         Args:
             now: Time by ``perf_counter`` (s).
         """
+        try:
+            self._show(now)
+        except OSError:
+            self._bar.disable, self._lines = True, False
+
+    def close(self) -> None:
+        """End the bar, and leave it on the screen."""
+        with suppress(OSError):
+            self._bar.close()
+
+    def _show(self, now: float) -> None:
         if not self._bar.disable:
             steps, fraction = self._algorithm.env_steps, self._limits.fraction(self._algorithm)
             self._bar.total = round(steps / fraction) if fraction else None
@@ -58,10 +70,6 @@ class Progress:
         elif self._lines and now >= self._next_line:
             self._next_line = now + LINE_SECONDS
             print(self._line(now - self._start), file=sys.stderr, flush=True)
-
-    def close(self) -> None:
-        """End the bar, and leave it on the screen."""
-        self._bar.close()
 
     def _line(self, elapsed: float) -> str:
         algorithm = self._algorithm

@@ -6,38 +6,45 @@ updates. So a run goes on, after whatever ended it, by loading the checkpoint an
 
 from __future__ import annotations
 
+import math
 import signal
+import sys
 from contextlib import suppress
 from time import perf_counter
 from types import TracebackType
 from typing import Any
 
-from dpsearch.algos import Algorithm
-from dpsearch.files import versions
+import numpy as np
+
+from dpsearch.algos import Algorithm, Evaluation
+from dpsearch.files import versions, write_checkpoint
+from dpsearch.rollout import EnvRecipe, LaneEngine
 from dpsearch.runs.directory import RunDirectory
-from dpsearch.runs.interruption import Interruption
+from dpsearch.runs.interruption import Interrupted, Interruption
 from dpsearch.runs.limits import Limits
 from dpsearch.runs.metrics import MetricsFile
 from dpsearch.runs.policy_file import save_policy
 from dpsearch.runs.progress_bar import Progress
-from dpsearch.runs.recipe import EnvRecipe
 from dpsearch.runs.tensorboard import TensorBoardLog
 
 LOOK_SECONDS = 0.25  # between two checks of what is due besides learning
+FIRST_PART = 100  # episodes of an evaluation that are played without looking for signals
 POINT_SECONDS = 1.0  # between two points of the TensorBoard curves
 
 
 class Run:
     """An algorithm at work in a run's directory; a context manager that closes what it opened.
 
-    While it is entered, a first Ctrl-C or SIGTERM is only noted.
+    While it is entered, a first Ctrl-C, SIGTERM or SIGHUP is only noted.
 
     Args:
         directory: Directory of the run.
         algorithm: The algorithm that learns, new or loaded from the checkpoint.
         recipe: Recipe for the environment.
         limits: Limits of the run.
-        hyperparameters: Values for TensorBoard's table.
+        settings: Nested plain values that decide what the run learns: the checkpoint keeps them, to compare, and
+            TensorBoard's table shows them.
+        metrics_checksum: Checksum of the metrics up to the checkpoint; None for a new run.
         checkpoint_seconds: Time between two checkpoints (s).
         progress: Whether to show progress.
 
@@ -52,7 +59,8 @@ class Run:
         recipe: EnvRecipe,
         limits: Limits,
         *,
-        hyperparameters: dict[str, Any] | None = None,
+        settings: dict[str, Any] | None = None,
+        metrics_checksum: int | None = None,
         checkpoint_seconds: float = 30.0,
         progress: bool = True,
     ) -> None:
@@ -60,13 +68,15 @@ class Run:
         self.algorithm = algorithm
         self.recipe = recipe
         self.limits = limits
-        self._metrics = MetricsFile(directory.metrics, algorithm.updates)
-        self._tensorboard = TensorBoardLog(directory.path, hyperparameters or {}, algorithm.env_steps)
+        self._settings = settings or {}
+        self._metrics = MetricsFile(directory.metrics, algorithm.updates, metrics_checksum)
+        self._tensorboard = TensorBoardLog(directory.path, self._settings, algorithm.env_steps)
         self._interruption = Interruption()
         self._progress = Progress(algorithm, limits, show=progress)
         self._look, self._point = _Every(LOOK_SECONDS), _Every(POINT_SECONDS)
         self._save = _Every(checkpoint_seconds)
-        self._wall = self._metrics.last.get("time/wall", 0.0)
+        self._wall = self._metrics.last.get("time/wall") or 0.0
+        self._evaluated = directory.summary.exists()
         self._start = perf_counter() - self._wall  # as if it had never been interrupted
 
     def __enter__(self) -> Run:
@@ -96,28 +106,43 @@ class Run:
         if not self.directory.checkpoint.exists():
             self.checkpoint()
         before = self.algorithm.updates
-        self.algorithm.learn(**vars(self.limits), callback=self._after_update)
+        if reason := self.algorithm.reason_to_stop(**vars(self.limits)):
+            print(f"nothing more to learn: {reason}", file=sys.stderr)
+        else:
+            self.algorithm.learn(**vars(self.limits), callback=self._after_update)
         if self.algorithm.updates > before:
+            self._evaluated = False
             self._tensorboard.write(self.algorithm.env_steps, perf_counter())
             self.checkpoint()
         self._progress.close()
         return self._interruption.signal
 
     def checkpoint(self) -> None:
-        """Write the checkpoint, from which the run can go on, and the policy."""
+        """Write the checkpoint, from which the run can go on, and the policy.
+
+        Raises:
+            FloatingPointError: If a weight became NaN or infinite; the checkpoint before is left as it is.
+        """
+        if not np.isfinite(self.algorithm.policy.vector()).all():
+            raise FloatingPointError(f"a weight became NaN or infinite before update {self.algorithm.updates + 1}")
         self._metrics.sync()  # first, so that no checkpoint is ahead of its metrics
         self._tensorboard.flush()
-        self.algorithm.save(self.directory.checkpoint)
+        run = {"settings": self._settings, "metrics": self._metrics.checksum}
+        write_checkpoint(self.directory.checkpoint, {**self.algorithm.content(), "run": run})
         save_policy(self.directory.policy, self.algorithm, self.recipe)
 
     def finish(self, evaluation_episodes: int) -> dict[str, Any] | signal.Signals:
-        """Evaluate the policy, write the summary, and return it; or return the signal that came."""
+        """Evaluate the policy, write the summary, and return it; or return the signal that came.
+
+        What is NaN or infinite in the summary, as returns may be, is None.
+        """
         algorithm = self.algorithm
-        stochastic = algorithm.evaluate(evaluation_episodes)
-        if self._interruption.signal is not None:
-            return self._interruption.signal
-        greedy = algorithm.evaluate(evaluation_episodes, deterministic=True)
-        if self._interruption.signal is not None:
+        try:
+            with self._interruption.at_once():
+                stochastic = self._evaluate(evaluation_episodes)
+                greedy = self._evaluate(evaluation_episodes, deterministic=True)
+        except Interrupted:
+            assert self._interruption.signal is not None
             return self._interruption.signal
         threshold = algorithm.rollouts.reward_threshold
         summary = {
@@ -139,9 +164,31 @@ class Run:
             "return_greedy_se": greedy.standard_error,
             "versions": versions(),
         }
-        self._tensorboard.write_evaluation(algorithm.env_steps, stochastic.mean_return, greedy.mean_return)
+        summary = {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in summary.items()
+        }
+        if not self._evaluated:
+            self._tensorboard.write_evaluation(algorithm.env_steps, stochastic.mean_return, greedy.mean_return)
         self.directory.write_summary(summary)
         return summary
+
+    def _evaluate(self, n_episodes: int, *, deterministic: bool = False) -> Evaluation:
+        """The final evaluation, whatever the episodes pay.
+
+        Compiled code keeps signals waiting, so it plays them in parts, which grow as long as they take little time.
+        """
+        if not isinstance(self.algorithm.rollouts, LaneEngine):
+            return self.algorithm.play_evaluation(n_episodes, deterministic=deterministic)
+        parts, played, size = [], 0, FIRST_PART
+        while played < n_episodes:
+            start = perf_counter()
+            count = min(size, n_episodes - played)
+            parts.append(self.algorithm.play_evaluation(count, first=played, deterministic=deterministic))
+            played += count
+            size *= 2 if perf_counter() - start < LOOK_SECONDS else 1
+            self._interruption.check()
+        return Evaluation(np.concatenate([p.returns for p in parts]), np.concatenate([p.lengths for p in parts]))
 
     def _after_update(self, algorithm: Algorithm[Any], metrics: dict[str, float]) -> bool:
         """Keep an update's metrics; now and then do what takes time. False ends the learning."""

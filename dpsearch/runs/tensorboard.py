@@ -5,6 +5,7 @@ An update can take less than a millisecond, and to write a point of every curve 
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,7 @@ class TensorBoardLog:
     def __init__(self, path: Path, hyperparameters: dict[str, Any], env_steps: int) -> None:
         self._path = path
         self._hyperparameters = dict(_flat(hyperparameters))
-        self._purge_step = env_steps + 1 if env_steps else None
+        self._purge_step = env_steps + 1 if any(path.glob("events.out.tfevents.*")) else None
         self._writer: SummaryWriter | None = None
         self._sums: dict[str, float] = {}
         self._updates = 0
@@ -59,7 +60,8 @@ class TensorBoardLog:
         """Write the final evaluation of the policy."""
         writer = self._open()
         for name, value in zip(EVALUATION, (stochastic, greedy), strict=True):
-            writer.add_scalar(name, value, env_steps)
+            if math.isfinite(value):
+                writer.add_scalar(name, value, env_steps)
         self._add_table(writer, end=True)
 
     def flush(self) -> None:

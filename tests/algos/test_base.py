@@ -65,6 +65,23 @@ def test_learning_goes_on_from_where_it_stopped() -> None:
     np.testing.assert_array_equal(once.policy.vector(), twice.policy.vector())
 
 
+@pytest.mark.parametrize(
+    ("limits", "reason"),
+    [
+        ({"total_updates": 2}, "total_updates=2 is counted from the beginning of the run, which has come to 2$"),
+        ({"total_episodes": 7}, "total_episodes=7 is counted from the beginning of the run, which has come to 40$"),
+        ({"total_steps": 1, "total_updates": 9}, "total_steps=1 is counted"),
+        ({"until_solved": True}, "the task is solved, and until_solved is True"),
+    ],
+)
+def test_a_call_that_has_nothing_to_do_says_why(limits: dict[str, Any], reason: str) -> None:
+    rpg = make().learn(total_updates=2)
+    rpg.solved = True
+    with pytest.warns(UserWarning, match=rf"learn\(\) has nothing to do: {reason}"):
+        rpg.learn(**limits)
+    assert rpg.updates == 2
+
+
 def test_learning_without_an_end_is_refused() -> None:
     with pytest.raises(ValueError, match="total_steps"):
         make().learn()
@@ -96,13 +113,6 @@ def test_a_factory_gets_the_saved_arguments_again(tmp_path: Path) -> None:
     assert RPG.load(tmp_path / "rpg.pt", TMaze).env_kwargs == {"corridor_length": 3}
 
 
-def test_what_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
-    rpg = make(env_kwargs={"corridor_length": np.int64(3)})
-    with pytest.raises(CheckpointError, match="would not be readable"):
-        rpg.save(tmp_path / "rpg.pt")
-    assert not list(tmp_path.iterdir())
-
-
 def test_another_environment_does_not_take_the_weights(tmp_path: Path) -> None:
     make().save(tmp_path / "rpg.pt")
     with pytest.raises(CheckpointError, match="does not fit"):
@@ -121,7 +131,7 @@ def test_a_truncated_checkpoint_is_named(tmp_path: Path, kept: int) -> None:
     path = tmp_path / "rpg.pt"
     make().save(path)
     path.write_bytes(path.read_bytes()[:kept])
-    with pytest.raises(CheckpointError, match=r"rpg\.pt is truncated"):
+    with pytest.raises(CheckpointError, match=r"rpg\.pt is damaged, truncated"):
         RPG.load(path)
 
 
@@ -136,7 +146,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
 def test_a_failed_write_leaves_the_old_checkpoint(tmp_path: Path) -> None:
     path = tmp_path / "rpg.pt"
     write_checkpoint(path, {"algo": "rpg"})
-    with pytest.raises(CheckpointError, match="pickle"):
+    with pytest.raises(CheckpointError, match="which a checkpoint cannot hold"):
         write_checkpoint(path, {"algo": lambda: None})
     assert read_checkpoint(path)["algo"] == "rpg"
 

@@ -42,14 +42,14 @@ def train(*arguments: str) -> Outcome:
     return Outcome(code, out.getvalue(), err.getvalue())
 
 
-def start(*arguments: str, first: str = "") -> subprocess.Popen[str]:
+def start(*arguments: str, first: str = "", stderr: int = subprocess.PIPE) -> subprocess.Popen[str]:
     """`python train.py ARGUMENTS` in a process of its own, after running the code `first` there."""
     code = f"import dpsearch.train\n{first}\ndpsearch.train.main()"
     return subprocess.Popen(
         [sys.executable, "-c", code, *arguments],
         cwd=ROOT,
         stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         text=True,
     )
 

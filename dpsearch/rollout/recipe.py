@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -11,10 +13,12 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator, parse_env_id
 
 from dpsearch.env_kit import ObserveOnly
+from dpsearch.errors import RunError
 from dpsearch.options import Option, options_of
 from dpsearch.policies import UnsupportedSpaceError
-from dpsearch.rollout import OnError, Rollouts, make_rollouts
-from dpsearch.runs.errors import RunError
+from dpsearch.rollout.base import Rollouts
+from dpsearch.rollout.gym_engine import OnError
+from dpsearch.rollout.make import make_rollouts
 
 
 @dataclass(frozen=True)
@@ -83,12 +87,18 @@ class EnvRecipe:
         return [dataclasses.replace(o, default=spec.kwargs.get(o.name, o.default)) for o in options]
 
     @property
+    def stranger(self) -> str | None:
+        """The module that would be imported to make the environment; None if that is ours, or imported already."""
+        module = self.id.rpartition(":")[0]
+        return None if module in ("", "dpsearch.envs") or module in sys.modules else module
+
+    @property
     def drawable(self) -> bool:
         """Whether the environment can be drawn, as far as its class tells without being made."""
         entry = gym.spec(self.id.rpartition(":")[2]).entry_point
         creator = load_env_creator(entry) if isinstance(entry, str) else entry
         metadata = getattr(creator, "metadata", None)
-        return metadata is None or "rgb_array" in metadata.get("render_modes", ())
+        return metadata is None or "rgb_array" in render_modes(metadata)
 
     def rollouts(self, *, threads: int = 1, num_envs: int | None = None, on_error: OnError = "raise") -> Rollouts:
         """The engine that plays episodes of the environment; see ``make_rollouts`` for the arguments.
@@ -103,3 +113,9 @@ class EnvRecipe:
         if self.reward_threshold is not None:
             rollouts.reward_threshold = self.reward_threshold
         return rollouts
+
+
+def render_modes(metadata: Mapping[str, Any] | None) -> list[str]:
+    """The render modes that an environment's metadata name, under today's key or the one of old environments."""
+    named = metadata or {}
+    return list(named.get("render_modes") or named.get("render.modes") or ())
