@@ -65,8 +65,8 @@ def plain(value: Any, name: str) -> Any:
     if type(value) in _PLAIN:
         return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {field.name: plain(getattr(value, field.name), field.name) for field in dataclasses.fields(value)}
-        return dataclasses.replace(value, **fields)
+        given = [field.name for field in dataclasses.fields(value) if field.init]
+        return dataclasses.replace(value, **{field: plain(getattr(value, field), field) for field in given})
     if isinstance(value, Mapping):
         return {plain(key, name): plain(entry, f"{name}.{key}") for key, entry in value.items()}
     if isinstance(value, list | tuple):
