@@ -23,7 +23,7 @@ class KernelVectorEnv(PlaysTask, VectorEnv[NDArray[np.float32], NDArray[Any], ND
 
     Args:
         task: The task to play.
-        num_envs: How many environments.
+        num_envs: Number of environments.
         autoreset_mode: When the next episode follows an ended one, ``NEXT_STEP`` or ``SAME_STEP``.
         render_mode: None, for vectors are not drawn.
 
@@ -171,8 +171,8 @@ class VectorOf(KernelVectorEnv):
     """Many environments of one scalar class, which a subclass names in ``scalar``.
 
     Args:
-        num_envs: How many environments.
-        autoreset_mode: See :class:`KernelVectorEnv`.
+        num_envs: Number of environments.
+        autoreset_mode: When the next episode follows an ended one, ``NEXT_STEP`` or ``SAME_STEP``.
         render_mode: None, for vectors are not drawn.
         **arguments: Arguments of the scalar class's ``make_task``.
 

@@ -81,12 +81,11 @@ class TabularEnv(KernelEnv):
     Args:
         task: The task to play.
         render_mode: One of ``metadata["render_modes"]``, or None.
-        reveal: What drawings show besides the observation: "state", the hidden state; "belief", the exact belief as
-            well; or "nothing".
+        reveal: Secrets that drawings show: "state", the hidden state; "belief", the exact belief as well; or "nothing".
 
     Attributes:
         pomdp: The model.
-        reveal: What drawings show besides the observation.
+        reveal: Secrets that drawings show: "state", "belief" or "nothing".
 
     Raises:
         ValueError: If an argument is not accepted.

@@ -1,4 +1,4 @@
-"""How general a pole balancer is: from how many of 625 starts does it keep the poles up?
+"""The generality of a pole balancer: the number of 625 starts from which it keeps the poles up.
 
 The test of F. Gruau, D. Whitley and L. Pyeatt, "A comparison between cellular encoding and direct encoding for genetic
 neural networks", GP 1996, which the literature on two poles has used ever since. A balancer counts as general if it
@@ -53,7 +53,7 @@ def balanced_starts(
     Args:
         policy: The balancer.
         env: Id or class of a task of balancing poles.
-        steps: How long the poles must stay up, at most 100,000.
+        steps: Number of steps for which the poles must stay up, at most 100,000.
         greedy: Take the most probable action instead of a random one.
         threads: Number of threads; results do not depend on it.
         **env_kwargs: Arguments of the environment, apart from ``reward``, ``start_state`` and ``max_episode_steps``.

@@ -173,7 +173,7 @@ class _View:
 
     @property
     def mark(self) -> str:
-        """How the map marks the agent's cell."""
+        """Mark of the agent's cell in the drawing of the maze."""
         return self.grid.marks[self.pose(self.moment.state)[0]]
 
     @property

@@ -25,7 +25,7 @@ class _View:
     Attributes:
         moment: The moment that is drawn.
         corridor_length: Position of the junction.
-        position: Where the agent is, or was when it left through an arm of the junction.
+        position: Place of the agent, or its last place before it left through an arm.
         sign: "up" or "down".
         arm: Arm through which the agent has left, "north" or "south"; None while it is in the corridor.
     """
@@ -75,7 +75,7 @@ class _View:
         return f"{self._paid(arm):+g}"
 
     def _paid(self, arm: str) -> float:
-        """What turning into an arm earns, of the two states for it."""
+        """Reward for turning into an arm, which the model pays on reaching the ended state of sign and arm."""
         pomdp = self.moment.pomdp
         state = 2 * (self.corridor_length + 1) + 2 * (self.sign == "down") + (arm == "south")
         row = (pomdp.transitions.columns == state) & ~pomdp.terminal[

@@ -80,7 +80,7 @@ class View:
 
     @property
     def time(self) -> str:
-        """How long the episode has lasted."""
+        """Time since the episode began, in words."""
         return f"{self.step:,} of {self.max_steps:,} steps, {self.step * _SECONDS:.2f} s"
 
     def message(self) -> Message:

@@ -195,7 +195,7 @@ class Simulator:
         return record
 
     def _ended(self) -> TorcsError:
-        """What to say of a process that is not there any more."""
+        """The error about a process that has ended."""
         if not self._finalizer.alive:
             return TorcsError("this TORCS has been closed")
         try:

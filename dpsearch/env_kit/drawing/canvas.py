@@ -115,7 +115,7 @@ class Canvas:
         return len(lines) * spacing
 
     def text_width(self, text: str, size: int) -> float:
-        """How wide a line of text would be."""
+        """Width of a line of text (pixels)."""
         return float(self._draw.textlength(text, _font(size * _OVERSAMPLING))) / _OVERSAMPLING
 
 

@@ -51,7 +51,7 @@ def upper_bound(lower: ValueVectors, *, sweeps: int = 1_000, tolerance: float = 
 
 
 def _shares(joint: Floats, points: Floats) -> Floats:
-    """How much of each belief ``(N, S)`` is contained in each of some unnormalised ones ``(n, S)``: ``(n, N)``."""
+    """Largest share of each belief ``(N, S)`` that fits into each unnormalised belief ``(n, S)``: ``(n, N)``."""
     shares = np.full((len(joint), len(points)), np.inf)
     for own, point in zip(joint.T, points.T, strict=True):
         possible = point > 0
