@@ -310,17 +310,27 @@ def checked(config: DictConfig) -> TrainConfig:
         RunError: If a value is out of range or missing.
         OmegaConfBaseException: If a value cannot be computed.
     """
-    for section in (*SECTIONS, None):  # one by one, to name the one that is wrong
-        try:
-            settings = OmegaConf.to_object(config if section is None else config[section])
-        except MissingMandatoryValue as error:
-            raise RunError(f"{error.full_key} must be given") from None
-        except OmegaConfBaseException:
-            raise
-        except ValueError as error:
-            raise RunError(str(error) if section is None else f"{section}.{error}") from error
+    for section in SECTIONS:  # one by one, to name the one that is wrong
+        checked_section(config, section)
+    settings = _object(config)
     assert isinstance(settings, TrainConfig)
     return settings
+
+
+def checked_section(config: DictConfig, section: str) -> Any:
+    """A section of a completed configuration as an object; raises what ``checked`` does."""
+    return _object(config[section], f"{section}.")
+
+
+def _object(config: DictConfig, prefix: str = "") -> Any:
+    try:
+        return OmegaConf.to_object(config)
+    except MissingMandatoryValue as error:
+        raise RunError(f"{error.full_key} must be given") from None
+    except OmegaConfBaseException:
+        raise
+    except ValueError as error:
+        raise RunError(f"{prefix}{error}") from error
 
 
 def _settle_baseline(config: DictConfig, overrides: Sequence[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from importlib.resources import files
 from textwrap import fill, wrap
 from typing import Any
@@ -39,12 +39,12 @@ def page(overrides: Sequence[str]) -> str:
         overrides: Choices and settings, in Hydra's way.
 
     Raises:
-        RunError: If there is no such setting.
+        RunError: If there is no such setting, or one of the algorithm is out of range.
         HydraException: If there is no such choice.
         OmegaConfBaseException: If a value is of the wrong type.
     """
     composed, choices = schema.compose(overrides)
-    config = schema.completed(composed, choices)
+    config = schema.completed(composed, choices, overrides)
     blocks = [USAGE, fill(INTRODUCTION, WIDTH)]
     blocks += ["Groups and their choices", *(_choices(group, choices.get(group)) for group in GROUPS)]
     blocks += ["Settings of the run", *_settings(config, "", schema.TrainConfig)]
@@ -66,10 +66,28 @@ def _settings(config: DictConfig, section: str, kind: type[Any]) -> Iterator[str
     """Each setting of a section: its value, and what it means."""
     values = OmegaConf.select(config, section) if section else config
     meaning = meanings(kind)
+    inner = _inner(schema.checked_section(config, "algo")) if section == "algo" else {}
     for setting in fields(kind):
         if section or setting.name not in schema.SECTIONS:
             name = f"{section}.{setting.name}" if section else setting.name
-            yield f"  {name}={_value(values, setting.name)}\n" + _indented(meaning.get(setting.name, ""))
+            yield _entry(name, _value(values, setting.name), meaning.get(setting.name, ""))
+            for own, value, meant in inner.get(setting.name, ()):
+                yield _entry(f"{name}.{own}", value, meant)
+
+
+def _inner(settings: Any) -> dict[str, list[tuple[str, str, str]]]:
+    """Name, value and meaning of the settings that a setting itself has, such as a baseline, by that setting's name."""
+    found = {}
+    for setting in fields(settings):
+        if is_dataclass(value := getattr(settings, setting.name)):
+            meaning = meanings(type(value))
+            own = [field.name for field in fields(value) if field.init]
+            found[setting.name] = [(name, _text(getattr(value, name)), meaning.get(name, "")) for name in own]
+    return found
+
+
+def _entry(name: str, value: str, meaning: str) -> str:
+    return f"  {name}={value}\n" + _indented(meaning)
 
 
 def _value(values: DictConfig, name: str) -> str:

@@ -52,11 +52,13 @@ def main() -> None:
     try:
         with _warnings_in_one_line(), _errors_in_one_line():
             if {"--help", "-h"} & set(sys.argv[1:]):
-                print(page([argument for argument in sys.argv[1:] if not argument.startswith("-")]))
+                print(page([argument for argument in sys.argv[1:] if not argument.startswith("-")]), flush=True)
             else:
                 _application()
             if _failed:
                 raise RunError(f"of the sweep, these jobs failed: {', '.join(_failed)}")
+    except BrokenPipeError:  # whoever reads the help has seen enough; nothing is left to be written at the exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except KeyboardInterrupt:
         sys.exit(130)
     except Exception as error:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
+from dpsearch.algos.baselines import DEFAULTS, settings_of
 from dpsearch.config import completed, compose
 from dpsearch.help import page
 from tests.support.application import ROOT, train
@@ -22,8 +23,18 @@ def test_every_setting_has_a_meaning(choices: tuple[str, ...]) -> None:
     sections = ("algo", "env", "policy", "rollout")
     settings = {str(name) for name in config if name not in sections}
     settings |= {f"{section}.{name}" for section in sections for name in config[section]}
-    assert set(said) == settings
+    inner = {name for name in said if name.startswith("algo.baseline.")}
+    assert set(said) - inner == settings
+    assert ("algo.baseline.episodes" in inner) == (config.algo.get("baseline") == {"kind": "constant"})
     assert not [name for name, meaning in said.items() if len(meaning) < 5]
+
+
+@pytest.mark.parametrize("kind", sorted(DEFAULTS))
+def test_the_settings_of_the_chosen_baseline_are_listed_too(kind: str) -> None:
+    found = SETTING.findall(page([f"algo.baseline.kind={kind}"]))
+    said = {name: meaning.strip() for name, _, meaning in found if name.startswith("algo.baseline.")}
+    assert set(said) == {f"algo.baseline.{name}" for name in settings_of(DEFAULTS[kind])}
+    assert all(said.values())
 
 
 def test_values_are_those_of_the_command_line() -> None:
@@ -63,6 +74,12 @@ def test_the_application_prints_the_page_and_does_no_more(flag: str, tmp_path: P
     assert not (tmp_path / "run").exists()
 
 
+def test_help_refuses_settings_out_of_range_in_one_line() -> None:
+    outcome = train("algo.gamma=2", "--help")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err == "error: algo.gamma must be in (0, 1], got 2.0\n"
+
+
 def test_help_refuses_what_the_application_would() -> None:
     outcome = train("env.corridor_lenght=3", "--help")
     assert outcome.code == 2
@@ -74,3 +91,15 @@ def test_a_page_is_printed_by_the_command_itself() -> None:
     assert result.returncode == 0
     assert result.stdout.startswith("python train.py [GROUP=CHOICE ...]")
     assert OmegaConf.load(ROOT / "configs" / "env" / "tmaze.yaml").id in result.stdout
+
+
+def test_a_reader_that_has_seen_enough_may_close_the_page() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "train.py", "--help"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+    process.stderr.close()
+    assert process.wait() == 0
