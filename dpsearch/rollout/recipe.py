@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -49,8 +50,7 @@ class EnvRecipe:
         extra: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
         try:
             module, _, name = self.id.rpartition(":")
-            if module:
-                import_module(module)
+            _import(module)
             spec = gym.spec(name)  # kwargs in the spec, since gym.make would take max_episode_steps for itself
             spec = dataclasses.replace(spec, kwargs={**spec.kwargs, **self.kwargs})
             env = gym.make(spec, max_episode_steps=self.max_episode_steps, **extra)
@@ -75,8 +75,7 @@ class EnvRecipe:
         """
         module, _, name = self.id.rpartition(":")
         try:
-            if module:
-                import_module(module)
+            _import(module)
             spec = gym.spec(name)
             kind = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
         except (gym.error.Error, ImportError) as error:
@@ -119,3 +118,19 @@ def render_modes(metadata: Mapping[str, Any] | None) -> list[str]:
     """The render modes that an environment's metadata name, under today's key or the one of old environments."""
     named = metadata or {}
     return list(named.get("render_modes") or named.get("render.modes") or ())
+
+
+def _import(module: str) -> None:
+    """Import the module that registers an environment, if any; it may stand in the current folder.
+
+    Python itself looks there for scripts, but not for installed commands.
+    """
+    if not module:
+        return
+    try:
+        import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module.partition(".")[0] or os.getcwd() in sys.path:
+            raise
+        sys.path.insert(0, os.getcwd())
+        import_module(module)

@@ -1,3 +1,6 @@
+import sys
+from pathlib import Path
+
 import pytest
 
 from dpsearch.policies.observations import observation_size
@@ -50,3 +53,17 @@ def test_what_cannot_be_made_is_refused(recipe: EnvRecipe, message: str) -> None
 def test_a_space_that_no_policy_can_handle_is_refused() -> None:
     with pytest.raises(RunError, match="is not supported"):
         EnvRecipe("tests.support.odd_envs:tests/Wordy-v0").rollouts()
+
+
+def test_an_environment_may_be_registered_by_a_module_in_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "light_in_this_folder.py").write_text(
+        "import gymnasium\ngymnasium.register('tests/Here-v0', 'tests.support.nasty_envs:Light')\n"
+    )
+    monkeypatch.setattr("sys.path", [place for place in sys.path if place not in ("", str(tmp_path))])
+    recipe = EnvRecipe("light_in_this_folder:tests/Here-v0")
+    with pytest.raises(RunError, match="No module named 'light_in_this_folder'"):
+        recipe.make()
+    monkeypatch.chdir(tmp_path)
+    recipe.make().close()
