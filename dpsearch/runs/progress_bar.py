@@ -11,6 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from dpsearch.algos import Algorithm
+from dpsearch.kernels import machine_code
 from dpsearch.runs.limits import Limits
 
 LINE_SECONDS = 10.0  # between two lines, where there is no terminal
@@ -44,6 +45,9 @@ class Progress:
             delay=1e-9,  # not before the first update
             disable=not show or self._lines,
         )
+        self._compiling = False
+        if not self._bar.disable:
+            machine_code.listeners.append(self._say_that_it_compiles)
 
     def update(self, now: float) -> None:
         """Show the present progress; nothing more once the terminal, or who read it, is gone.
@@ -58,8 +62,17 @@ class Progress:
 
     def close(self) -> None:
         """End the bar, and leave it on the screen."""
+        if self._say_that_it_compiles in machine_code.listeners:
+            machine_code.listeners.remove(self._say_that_it_compiles)
         with suppress(OSError):
             self._bar.close()
+
+    def _say_that_it_compiles(self, kernel: str) -> None:
+        """Tell a terminal, once, why nothing moves: kernels are compiled before they are first used."""
+        if not self._compiling:
+            self._compiling = True
+            with suppress(OSError):
+                tqdm.write("compiling for this processor, once: this takes up to a minute", file=sys.stderr)
 
     def _show(self, now: float) -> None:
         if not self._bar.disable:

@@ -6,6 +6,7 @@ import pytest
 
 from dpsearch.algos import RPG
 from dpsearch.envs import TMaze
+from dpsearch.kernels import machine_code
 from dpsearch.runs import Limits
 from dpsearch.runs.progress_bar import LINE_SECONDS, Progress
 
@@ -31,6 +32,18 @@ def test_a_terminal_shows_a_bar(rpg: RPG, monkeypatch: pytest.MonkeyPatch) -> No
     assert "1.00M" in shown
     assert "steps/s" in shown
     assert "return" in shown
+
+
+def test_a_terminal_is_told_once_that_kernels_are_compiled(rpg: RPG, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    progress = Progress(rpg, Limits(total_steps=10**6))
+    for kernel in ("play", "draw"):
+        for listener in machine_code.listeners:
+            listener(kernel)
+    progress.close()
+    assert terminal.getvalue().count("compiling for this processor, once") == 1
+    assert not machine_code.listeners
 
 
 def test_without_a_terminal_there_is_a_line_now_and_then(rpg: RPG, capsys: pytest.CaptureFixture[str]) -> None:
