@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from tests.support.application import metrics, start, summary, train
@@ -34,7 +35,7 @@ def test_a_run_whose_torcs_is_killed_says_how_to_go_on_and_does_so_exactly(tmp_p
         _, error = process.communicate()
     assert process.returncode == 2
     last = error.strip().splitlines()[-1]
-    assert last.startswith("error: TORCS was killed by SIGKILL")
+    assert re.match(r"error: the environment failed at step \d+ of episode \d+: .*TORCS was killed by SIGKILL", last)
     assert f"resume={broken}" in last
     assert 0 < len(metrics(broken)) < 12
     outcome = train(f"resume={broken}")
