@@ -85,7 +85,7 @@ def _application(config: DictConfig) -> None:
     except SystemExit as end:
         if not sweep or end.code != 2:
             raise
-        _failed.append(job)  # the others may do better
+        _failed.append(str(hydra_config.job.num))  # the others may do better
 
 
 def train(config: DictConfig, hydra_config: HydraConf) -> None:
