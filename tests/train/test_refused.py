@@ -5,7 +5,9 @@ import re
 from pathlib import Path
 
 import pytest
+import torch
 
+from dpsearch.algos import RPG
 from tests.support.application import Outcome, start, summary, train
 
 FEW = ("env.corridor_length=2", "until_solved=false", "total_updates=1", "evaluation_episodes=2", "progress=false")
@@ -35,6 +37,7 @@ def assert_refused(outcome: Outcome, message: str) -> None:
         ("policy.hidden_size=1000000000000", r"error: policy\.hidden_size is too large"),
         ("algo=cmaes policy.hidden_size=300", r"error: policy\.hidden_size is too large: cmaes's matrices .*algo=snes"),
         ("algo=fem policy.hidden_size=300", r"error: policy\.hidden_size is too large: fem's matrices .*diagonal"),
+        ("algo.baseline={kind:history,cells:1000000}", r"error: algo\.baseline\.cells is too large: the baseline's"),
         ("run_dir=", "error: run_dir must be the path of a directory, or null, got ''"),
         ("resume=", "error: resume must be the path of a directory, or null, got ''"),
         ("until_solved=2", "error: until_solved must be true or false, got 2"),
@@ -52,6 +55,16 @@ def test_a_value_without_a_sense_is_refused_and_leaves_nothing(
     (tmp_path / "file").touch()
     assert_refused(train(*arguments.split()), message)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_run_that_comes_to_the_end_of_memory_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def greedy(self: RPG) -> None:
+        torch.empty(2**52)
+
+    monkeypatch.setattr(RPG, "update", greedy)
+    outcome = train(*FEW, f"run_dir={tmp_path / 'run'}")
+    assert outcome.code == 2
+    assert re.search(r"error: there is not enough memory: .*; the run so far is in", outcome.err.splitlines()[-1])
 
 
 def test_true_and_false_may_be_one_and_nothing(tmp_path: Path) -> None:
