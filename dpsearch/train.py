@@ -28,13 +28,14 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 
 from dpsearch import config as schema
 from dpsearch.algos import ALGORITHMS, Algorithm
+from dpsearch.algos.memory import memory_errors
 from dpsearch.config import TrainConfig
 from dpsearch.files import CheckpointError
 from dpsearch.help import page
 from dpsearch.policies import UnsupportedSpaceError
 from dpsearch.rollout import EnvironmentFailedError, EnvRecipe, Rollouts
 from dpsearch.runs import Limits, Run, RunDirectory, RunError
-from dpsearch.runs.overrides import check_booleans
+from dpsearch.runs.booleans import check_booleans
 from dpsearch.runs.resumption import check_unchanged
 
 FULL_ERROR = "HYDRA_FULL_ERROR"
@@ -85,7 +86,7 @@ def _application(config: DictConfig) -> None:
     except SystemExit as end:
         if not sweep or end.code != 2:
             raise
-        _failed.append(job)  # the others may do better
+        _failed.append(str(hydra_config.job.num))  # the others may do better
 
 
 def train(config: DictConfig, hydra_config: HydraConf) -> None:
@@ -101,15 +102,15 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
         SystemExit: If a signal ended it, once the checkpoint is written.
     """
     torch.set_num_threads(1)  # fastest at these sizes; and nothing may depend on how many there are
-    check_booleans(hydra_config.overrides.task, config)
     resumed = None if config.resume is None else RunDirectory.named("resume", config.resume)
     if resumed is None:
         choices = dict(hydra_config.runtime.choices)
     else:
         config, choices = _saved(resumed, config, list(hydra_config.overrides.task))
     overrides = [] if resumed else list(hydra_config.overrides.task)
-    config = schema.completed(config, choices, overrides)
+    given, config = config, schema.completed(config, choices, overrides)
     settings = schema.checked(config)
+    check_booleans(given, settings)
     decisive = _decisive(config)
     checksum = check_unchanged(resumed, decisive) if resumed is not None and resumed.has_begun else None
     recipe = settings.env.recipe()
@@ -222,7 +223,8 @@ def _algorithm(
         except OSError as error:  # a simulator does not start, or ends while the episode is played up to where it was
             raise RunError(str(error)) from error
     try:
-        return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed, recipe=recipe)
+        with memory_errors():
+            return kind(rollouts, settings.algo, policy=settings.policy, seed=settings.seed, recipe=recipe)
     except (UnsupportedSpaceError, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise RunError(_in_full(error, policy=settings.policy, algo=settings.algo)) from error
 

@@ -11,6 +11,7 @@ from PIL import Image
 
 import dpsearch.evaluate
 from dpsearch.algos import RPG
+from dpsearch.envs import TMaze
 from dpsearch.policies import PolicyConfig, PolicyRunner
 from dpsearch.runs import EnvRecipe, load_policy, save_policy
 from dpsearch.runs.playback import play_episode
@@ -55,6 +56,17 @@ def assert_refused(result: Result, message: str) -> None:
     assert result.code == 2
     assert result.err.count("\n") == 1
     assert re.search(message, result.err), result.err
+
+
+class OldMaze(TMaze):
+    """A maze that is drawn as environments were before Gymnasium."""
+
+    def __init__(self, drawn: Any, metadata: dict[str, Any]) -> None:
+        super().__init__(corridor_length=2)
+        self.drawn, self.metadata = drawn, metadata
+
+    def render(self) -> Any:
+        return self.drawn
 
 
 def test_it_says_what_the_policy_achieves(evaluate: Evaluate) -> None:
@@ -118,6 +130,8 @@ def test_a_window_can_be_watched(evaluate: Evaluate, monkeypatch: pytest.MonkeyP
     ("arguments", "message"),
     [
         (("--gif", "{folder}/missing/policy.gif"), "cannot write .*: No such file or directory"),
+        (("--gif", "{folder}"), "cannot write .*: Is a directory"),
+        (("--video", "{folder}"), "cannot write|no video format"),
         (("--video", "{folder}/missing/policy.mp4"), "cannot write"),
         (("--video", "{folder}/policy.bogus"), "no video format for"),
     ],
@@ -149,6 +163,29 @@ def test_an_environment_that_has_no_picture_is_refused(
     evaluate: Evaluate, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("dpsearch.envs.TMaze.metadata", {"render_modes": ["ansi"], "render_fps": 4})
+    assert_refused(evaluate("--gif", tmp_path / "policy.gif"), "cannot be drawn")
+
+
+OLD = {"render.modes": ["rgb_array"], "render_fps": 4}
+
+
+@pytest.mark.parametrize("metadata", [OLD, {**OLD, "render_modes": []}])
+def test_an_environment_with_metadata_of_old_is_drawn(
+    evaluate: Evaluate, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, metadata: dict[str, Any]
+) -> None:
+    drawn = np.zeros((8, 8, 3), np.uint8)
+    monkeypatch.setattr("dpsearch.envs.TMaze.metadata", metadata)
+    monkeypatch.setattr("dpsearch.evaluate.EnvRecipe.make", lambda self, mode=None: OldMaze(drawn, metadata))
+    result = evaluate("--gif", tmp_path / "policy.gif", "--episodes", 1, "--steps", 2)
+    assert result.code == 0, result.err
+
+
+@pytest.mark.filterwarnings("ignore:.*The environment creator metadata")
+@pytest.mark.parametrize("metadata", [{"render_fps": 4}, {"render_fps": 4, "render_modes": None}])
+def test_an_environment_whose_metadata_names_no_mode_is_refused(
+    evaluate: Evaluate, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, metadata: dict[str, Any]
+) -> None:
+    monkeypatch.setattr("dpsearch.envs.TMaze.metadata", metadata)
     assert_refused(evaluate("--gif", tmp_path / "policy.gif"), "cannot be drawn")
 
 

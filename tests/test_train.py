@@ -190,9 +190,7 @@ def test_another_seed_is_another_run(uninterrupted: Path, tmp_path: Path) -> Non
             f"c.os.replace = die\n{EAGER}",
             id="while a checkpoint is written",
         ),
-        pytest.param(
-            f"from dpsearch.algos import RPG\ndef die(*_, **__): {KILL}\nRPG.play_evaluation = die", id="at the end"
-        ),
+        pytest.param(f"from dpsearch.runs import Run\ndef die(*_): {KILL}\nRun.finish = die", id="at the end"),
     ],
 )
 def test_a_run_that_was_killed_goes_on_as_if_nothing_had_happened(

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from dpsearch.algos.evaluation import Evaluation
-from dpsearch.algos.memory import check_batches, check_weights
+from dpsearch.algos.memory import check_batches, check_weights, memory_errors
 from dpsearch.algos.stored import StoredAlgorithm
 from dpsearch.algos.threads import one_torch_thread
 from dpsearch.files import plain, write_checkpoint
@@ -183,7 +183,7 @@ class Algorithm(ABC, Generic[ConfigT]):
             raise ValueError("learn() needs total_steps, total_episodes, total_updates, until_solved or a callback")
         if reason := self.reason_to_stop(*limits, until_solved):
             warnings.warn(f"learn() has nothing to do: {reason}", stacklevel=2)
-        with one_torch_thread():
+        with one_torch_thread(), memory_errors():
             while not self.reason_to_stop(*limits, until_solved):
                 metrics = self.update()
                 if until_solved:

@@ -23,12 +23,16 @@ class Evaluation:
     @property
     def mean_return(self) -> float:
         """Mean undiscounted return."""
-        return float(self.returns.mean())
+        with np.errstate(invalid="ignore"):
+            return float(self.returns.mean())
 
     @property
     def standard_error(self) -> float:
-        """Standard error of the mean return; NaN for a single episode."""
-        return float(self.returns.std(ddof=1) / np.sqrt(len(self.returns))) if len(self.returns) > 1 else float("nan")
+        """Standard error of the mean return; NaN for a single episode, or if a return is not finite."""
+        if len(self.returns) < 2:
+            return float("nan")
+        with np.errstate(invalid="ignore"):
+            return float(self.returns.std(ddof=1) / np.sqrt(len(self.returns)))
 
     @property
     def mean_length(self) -> float:

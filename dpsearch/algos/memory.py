@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -84,3 +85,20 @@ def check_batches(config: Any, policy: RecurrentPolicy) -> None:
     for name, size in least.items():
         if isinstance(number := getattr(config, name, None), int):
             require_memory(name, size * number, "what is played for an update")
+    cells = getattr(getattr(config, "baseline", None), "cells", 0)
+    require_memory("baseline.cells", 4 * WEIGHT_BYTES * cells**2, "the baseline's weights")
+
+
+@contextmanager
+def memory_errors() -> Iterator[None]:
+    """Raise a MemoryError, as NumPy does, where torch raises a RuntimeError.
+
+    Raises:
+        MemoryError: If there is not enough memory.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if "allocate memory" not in str(error):
+            raise
+        raise MemoryError(f"there is not enough memory: {str(error).splitlines()[0]}") from error

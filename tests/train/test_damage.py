@@ -105,6 +105,12 @@ def test_a_setting_that_was_changed_by_hand_is_named(run: Path, key: str, value:
     )
 
 
+def test_a_number_for_true_is_refused_in_a_file_too(run: Path) -> None:
+    path = run / ".hydra" / "config.yaml"
+    path.write_text(path.read_text().replace("progress: true", "progress: 2"))
+    assert_refused(train(f"resume={run}"), "error: progress must be true or false, got 2")
+
+
 def test_limits_may_be_changed_by_hand(run: Path) -> None:
     config = OmegaConf.load(run / ".hydra" / "config.yaml")
     config.total_updates = 33
