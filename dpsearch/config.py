@@ -64,7 +64,7 @@ class EnvConfig:
             raise ValueError(f"reward_threshold must be finite, got {self.reward_threshold}")
 
     def recipe(self) -> EnvRecipe:
-        """How to make the environment."""
+        """The recipe by which the environment is made."""
         kwargs = {name: getattr(self, name) for name in sorted(self.arguments)}
         limit = None if "max_episode_steps" in kwargs else self.max_episode_steps
         return EnvRecipe(self.id, kwargs, max_episode_steps=limit, reward_threshold=self.reward_threshold)
@@ -83,7 +83,7 @@ class GymConfig(EnvConfig):
     observe_only: list[int] | None = None
 
     def recipe(self) -> EnvRecipe:
-        """How to make the environment."""
+        """The recipe by which the environment is made."""
         return EnvRecipe(self.id, self.kwargs, self.observe_only, self.max_episode_steps, self.reward_threshold)
 
 
@@ -111,7 +111,7 @@ MOST_THREADS, MOST_ENVS = 1024, 65_536  # no system gives more threads, no memor
 
 @dataclass
 class RolloutConfig:
-    """How episodes are played.
+    """Settings of the engine that plays episodes.
 
     Attributes:
         threads: Threads that play environments with a compiled kernel; results do not depend on it.
@@ -142,7 +142,7 @@ class TrainConfig:
         algo: Settings of the algorithm.
         env: The environment.
         policy: Architecture of the policy.
-        rollout: How episodes are played.
+        rollout: Settings of the engine that plays episodes.
         seed: Seed of everything random, in [0, 2**64).
         run_dir: Directory of the run; null for ``runs/<algorithm>/<environment>/<time>_seed<seed>``.
         resume: Directory of a run to go on with.
@@ -228,7 +228,7 @@ def compose(overrides: Sequence[str]) -> tuple[DictConfig, dict[str, str]]:
     """The configuration of ``train.py OVERRIDES``, unchecked, and the option chosen of each group.
 
     Args:
-        overrides: What is chosen and set, in Hydra's way: ``env=tiger``, ``algo.gamma=0.9``.
+        overrides: Choices and settings, in Hydra's way: ``env=tiger``, ``algo.gamma=0.9``.
 
     Raises:
         HydraException: If a group has no such option, or a run no such setting.
@@ -258,6 +258,8 @@ def completed(config: DictConfig, choices: Mapping[str, str], overrides: Sequenc
     if choices["algo"] not in ALGORITHMS:
         raise RunError(f"algo must be one of {', '.join(ALGORITHMS)}, got {choices['algo']}")
     env_id = OmegaConf.select(config, "env.id")
+    if env_id is not None and not isinstance(env_id, str):
+        raise RunError(f"env.id must be the id of an environment, got {env_id!r}")
     env = GymConfig if choices["env"] == "gym" or env_id is None else env_config(env_id)
     kinds = {"algo": ALGORITHMS[choices["algo"]].config_type, "env": env}
     _settle_baseline(config, overrides)
@@ -285,12 +287,12 @@ def _refuse_unknown(given: Mapping[Any, Any], kind: type[Any], section: str = ""
 
 
 def unknown(name: str, names: Sequence[str], section: str = "") -> str:
-    """What to say of a setting that does not exist.
+    """The error message for a setting that does not exist.
 
     Args:
-        name: What it was called.
+        name: The name given.
         names: The settings that exist.
-        section: Where it was looked for; empty for the run itself.
+        section: Section it was given in; empty for the run itself.
     """
     where = f"{section}." if section else ""
     if words := renaming(f"{where}{name}"):

@@ -19,6 +19,10 @@ import torch
 from dpsearch import __version__
 
 FORMAT = 6
+"""Raise it whenever the content of ``checkpoint.pt`` or ``policy.pt`` changes: older files are then refused.
+
+The content is put together by ``Algorithm.content`` (read in ``algos/stored.py``) and ``runs/policy_file.py``.
+"""
 CHECKPOINT = "checkpoint.pt"
 """Name of the checkpoint in a run's directory."""
 

@@ -27,8 +27,8 @@ SPELLING = {"None": "null", "True": "true", "False": "false"}
 GROUPS = {
     "algo": "what learns",
     "env": "the task",
-    "experiment": "settings of a result; change all that the command line does not",
-    "tuned": "settings of an algorithm for a task, taken unless tuned=null",
+    "experiment": "settings behind a published result; only the command line overrides them",
+    "tuned": "settings of an algorithm for a task, taken unless ~tuned is given",
 }
 
 

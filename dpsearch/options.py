@@ -100,7 +100,7 @@ def dataclass_of(
 
 
 def meanings(kind: type) -> dict[str, str]:
-    """What is said of each argument and attribute of a class, by itself or by those it inherits from.
+    """The meaning of each argument and attribute of a class, from its own docstring or those it inherits from.
 
     The metadata of a dataclass's fields come before the docstring's section ``Args``, and that before ``Attributes``.
     """

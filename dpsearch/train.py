@@ -93,7 +93,7 @@ def train(config: DictConfig, hydra_config: HydraConf) -> None:
     """Begin a run, or go on with one, and bring it to its end.
 
     Args:
-        config: What to do, as composed; see ``TrainConfig``.
+        config: The composed configuration; see ``TrainConfig``.
         hydra_config: Hydra's own configuration.
 
     Raises:
@@ -196,7 +196,7 @@ def _rollouts(recipe: EnvRecipe, settings: TrainConfig) -> Rollouts:
         return recipe.rollouts(**vars(settings.rollout))
     except RunError as error:
         cause = error.__cause__ or error
-        if (refused := _in_full(cause, env=settings.env)) != str(cause):
+        if (refused := _in_full(cause, env=settings.env, rollout=settings.rollout)) != str(cause):
             raise RunError(refused) from error
         raise
 
@@ -238,13 +238,13 @@ def _decisive(config: DictConfig) -> dict[str, Any]:
 
 
 def _command(*arguments: str) -> str:
-    """How this application is called with other arguments."""
+    """The command that calls this application with other arguments."""
     program = "python train.py" if Path(sys.argv[0]).name == "train.py" else "dpsearch-train"
     return f"{program} {shlex.join(arguments)}"
 
 
 def _report(directory: RunDirectory, summary: dict[str, Any], recipe: EnvRecipe) -> str:
-    """What a finished run says in the end."""
+    """The lines that a finished run prints."""
     threshold, path = summary["reward_threshold"], shlex.quote(str(directory.path))
     achieved = [
         f"{_number(summary[f'return_{kind}'], ',.6g')} ± {_number(summary[f'return_{kind}_se'], '.2g')} {kind}"

@@ -199,7 +199,7 @@ class Algorithm(ABC, Generic[ConfigT]):
         total_updates: int | None = None,
         until_solved: bool = False,
     ) -> str:
-        """Why ``learn`` with these limits would make no further update; empty if it would."""
+        """The reason why ``learn`` with these limits would make no further update; empty if it would."""
         if self.finished:
             return "the algorithm has finished, whatever the limits"
         if until_solved and self.solved:

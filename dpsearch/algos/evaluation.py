@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a policy achieves over E episodes.
+    """Returns and lengths of E evaluation episodes.
 
     Attributes:
         returns: ``(E,)`` undiscounted.

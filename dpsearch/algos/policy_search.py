@@ -39,7 +39,7 @@ FLAT = 100  # evaluations after which it is said if all fitness was the same
 
 @dataclass
 class PolicySearchConfig:
-    """How a search over the weights of a policy goes. A subclass adds the options of its kind of search.
+    """Settings of a search over the weights of a policy. A subclass adds the options of its kind of search.
 
     Attributes:
         sigma0: Initial standard deviation of the weights.

@@ -1,4 +1,7 @@
-"""Checkpoints of algorithms: where they lie, and the environment that they know."""
+"""Stored algorithms: ``checkpoint.pt`` read and rebuilt, with the environment that it knows.
+
+``policy.pt``, which only acts, is read in ``runs/policy_file.py``.
+"""
 
 from __future__ import annotations
 

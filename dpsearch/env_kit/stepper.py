@@ -10,15 +10,11 @@ microseconds a call, as long as 40 blocks played from here.
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from dpsearch.kernels.lanes import LANES, EnvKernel, lanes_in_use, noise_rows
 from dpsearch.kernels.on_demand import on_demand
 from dpsearch.kernels.philox import ENVIRONMENT, draw, stream_key
-
-_NUMBERS = types.uint64[::1]
-_BLOCKS = types.float64[:, :, ::1]
 
 
 @on_demand()

@@ -33,7 +33,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 listeners: list[Callable[[str], object]] = []
-"""Each is called with the name of a kernel that is about to be compiled: for a program that says what takes so long."""
+"""Functions that are called with the name of each kernel about to be compiled."""
 
 
 class MachineCode:
@@ -92,7 +92,7 @@ class MachineCode:
             return
 
     def _file_name(self, signature: Any, codegen: Any) -> str:
-        """The kernel's name, the version for which processor and software, and the sources."""
+        """File name of a version: the kernel, hashes of signature, processor and software, and of all sources."""
         software = (platform.python_version(), version("numba"), version("llvmlite"), codegen.magic_tuple())
         asked_for = hashlib.sha256(repr((str(signature), software)).encode()).hexdigest()[:16]
         sources = sources_hash(self._function.__module__)[:16]
@@ -140,7 +140,7 @@ def _source(module: ModuleType | None) -> Path | None:
 
 @cache
 def folders() -> list[Path]:
-    """Where machine code may be: beside the package, or where that cannot be written, in this user's cache.
+    """Folders for machine code, in order: beside the package, or where that cannot be written, this user's cache.
 
     ``NUMBA_CACHE_DIR`` names another place than the first. Where nothing can be written, each process compiles anew,
     which a line says.

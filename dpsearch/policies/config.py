@@ -52,7 +52,7 @@ class PolicyConfig:
         if self.core not in CORES:
             raise ValueError(f"core must be one of {', '.join(CORES)}, got {self.core!r}")
         if self.hidden_size < 1:
-            raise ValueError(f"hidden_size must be positive, got {self.hidden_size}")
+            raise ValueError(f"hidden_size must be at least 1, got {self.hidden_size}")
         if not (math.isfinite(self.init_range) and self.init_range >= 0.0):
             raise ValueError(f"init_range must be finite and at least 0, got {self.init_range}")
         for name, added in self.gate_biases.items():

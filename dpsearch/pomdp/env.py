@@ -14,7 +14,7 @@ from dpsearch.pomdp.model import TabularPOMDP
 from dpsearch.pomdp.task import TabularTask
 
 REVEALED = ("state", "belief", "nothing")
-"""What drawings show besides the observation: the hidden state; the state and the exact belief; or nothing."""
+"""Contents of drawings besides the observation: the hidden state; the state and the exact belief; or nothing."""
 MOST_BELIEVED = 5000
 """States of the largest model for which beliefs can be shown: the tables for Bayes' rule grow with their square."""
 

@@ -1,4 +1,4 @@
-"""Where episodes come from: two verbs, ``collect`` and ``evaluate``, and the engines that offer them."""
+"""Rollouts, the source of episodes: two verbs, ``collect`` and ``evaluate``, and the engines that offer them."""
 
 from dpsearch.rollout.base import EnvironmentFailedError, Rollouts
 from dpsearch.rollout.episodes import Episodes

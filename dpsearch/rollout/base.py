@@ -1,6 +1,8 @@
 """Rollouts: two verbs, ``collect`` and ``evaluate``, written once for both engines.
 
-An engine says how queued episodes are played, in ``play``; ``lane_engine.py`` and ``gym_engine.py`` do.
+An engine says how queued episodes are played, in ``play``; ``lane_engine.py`` and ``gym_engine.py`` do. To play
+episodes elsewhere, on a cluster for example, implement ``play`` and ``close``; for populations alone, override
+``evaluate``. Give the object to an algorithm as its environment.
 """
 
 from __future__ import annotations

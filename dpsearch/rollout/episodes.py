@@ -1,4 +1,4 @@
-"""What a rollout brings back: a batch of whole episodes, time-major, one episode a column, padded at the end."""
+"""Episodes: a batch of whole episodes, time-major, one episode a column, padded at the end."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ Vectorization = Literal["sync", "async", "vector_entry_point"]
 
 @dataclass(frozen=True)
 class LaneStep:
-    """What one step brought, lane by lane, ``(L,)`` each.
+    """Outcome of one step, lane by lane, ``(L,)`` each.
 
     Attributes:
         rewards: float64.

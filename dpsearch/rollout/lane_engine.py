@@ -138,7 +138,7 @@ class LaneEngine(Rollouts):
 
 @cache
 def _agent(compiled: CompiledPolicy, greedy: bool, ndim: int, precision: np.dtype[Any]) -> tuple[Any, Any, Any, Any]:
-    """What ``play`` needs to know of a policy; remembered, as gathering it takes longer than a short episode."""
+    """A policy's arguments of ``play``; remembered, as gathering them takes longer than a short episode."""
     rows = [
         compiled.hidden_rows,
         compiled.scratch_rows,

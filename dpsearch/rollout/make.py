@@ -1,4 +1,4 @@
-"""Which engine plays an environment: lanes if it has a kernel, else Gymnasium's own interface."""
+"""The choice of the engine that plays an environment: lanes if it has a kernel, else Gymnasium's own interface."""
 
 from __future__ import annotations
 

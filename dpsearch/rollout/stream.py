@@ -208,7 +208,7 @@ class Stream:
         self._env.close()
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the stream is: which episode, how it began, and all actions since."""
+        """The position of the stream: the episode, how it began, and all actions since."""
         return {
             "episode": self._episode,
             "options": self._options,

@@ -1,4 +1,7 @@
-"""``metrics.jsonl``: one line of JSON an update, cut back to the checkpoint when a run is resumed."""
+"""``metrics.jsonl``: one line of JSON an update, cut back to the checkpoint when a run is resumed.
+
+The numbers of a line come from ``Algorithm.update``; those of RPG's episodes from ``algos/rpg/source.py``.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +57,7 @@ class MetricsFile:
         return last
 
     def _damage(self, updates: int) -> str:
-        """Where the damage is, if that can be seen."""
+        """The damaged line, in words; empty if it cannot be told."""
         self._file.seek(0)
         for update in range(1, updates + 1):
             try:

@@ -67,7 +67,7 @@ def load_policy(path: str | PathLike[str]) -> tuple[RecurrentPolicy, EnvRecipe]:
 
 
 def _sizes(space: Space[Any]) -> int | list[int]:
-    """What a policy must know of an action space: the choices of each discrete action, or the size of a real one."""
+    """Sizes of an action space: the choices of each discrete action, or the numbers of a real one."""
     match space:
         case spaces.Discrete():
             return [int(space.n)]

@@ -68,7 +68,7 @@ class Progress:
             self._bar.close()
 
     def _say_that_it_compiles(self, kernel: str) -> None:
-        """Tell a terminal, once, why nothing moves: kernels are compiled before they are first used."""
+        """Say on a terminal, once, that kernels are being compiled."""
         if not self._compiling:
             self._compiling = True
             with suppress(OSError):

@@ -1,4 +1,4 @@
-"""What must hold before a run goes on: its settings are those that the checkpoint was made with."""
+"""The check before a run goes on: its settings are those that the checkpoint was made with."""
 
 from __future__ import annotations
 

@@ -265,7 +265,7 @@ class Search(ABC):
             rules.condition = self.condition
 
     def stop(self) -> dict[str, Any]:
-        """Why to stop, reason -> value; empty to go on.
+        """Reasons to stop, reason -> value; empty to go on.
 
         ``target``: that fitness is reached. ``max_evaluations``: that many values were told.
         ``tolx``: the search distribution has shrunk to a point. ``diverged``: it has grown beyond all bounds.
@@ -297,7 +297,7 @@ class Search(ABC):
 
     @property
     def result(self) -> Result:
-        """How the search stands."""
+        """The best point so far, and the counts of the search."""
         return Result(self.best, self.evaluations, self.generations, self.invalid, self.mean, self.stds, self.stop())
 
     def maximize(self, f: Callable[[Vector], float], *, callback: Callable[[Self], object] | None = None) -> Result:

@@ -74,7 +74,7 @@ class CMAES(Search):
         return np.array(self.es.stds)
 
     def stop(self) -> dict[str, Any]:
-        """Why to stop, reason -> value: this package's reasons and those of ``cma``."""
+        """Reasons to stop, reason -> value: this package's reasons and those of ``cma``."""
         return {**super().stop(), **self.es.stop()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

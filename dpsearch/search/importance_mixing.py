@@ -1,7 +1,8 @@
 """Importance mixing: keep those points of the last generation that the moved distribution might have drawn (4.5).
 
-Two steps of rejection sampling leave a population distributed exactly as the new search distribution, in which only
-the newly drawn points need to be evaluated. All is done in local coordinates, in which a distribution is N(0, I).
+Two steps of rejection sampling, ``keep`` here and ``renewed`` in ``rejection.py``, leave a population
+distributed exactly as the new search distribution, in which only the newly drawn points need to be evaluated. All is
+done in local coordinates, in which a distribution is N(0, I).
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def exact_gradient(local: Matrix, utilities: Vector) -> tuple[Vector, Matrix]:
 
 @cache
 def _products(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Vector]:
-    """Where in a matrix each coefficient belongs, and what it means: half of M's symmetric pair, or the shift."""
+    """Place of each coefficient in a matrix, and its meaning: half of M's symmetric pair, or the shift."""
     b, a = np.tril_indices(d + 1)
     return b, a, np.where(a == 0, 1.0, np.where(a == b, np.sqrt(0.125), 0.5))
 

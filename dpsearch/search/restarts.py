@@ -99,7 +99,7 @@ class Restarts(Search):
         return self.run.stds
 
     def stop(self) -> dict[str, Any]:
-        """Why to stop, reason -> value: ``target`` or ``max_evaluations``."""
+        """Reasons to stop, reason -> value: ``target`` or ``max_evaluations``."""
         return {reason: value for reason, value in super().stop().items() if reason in LIMITS}
 
     def state_dict(self) -> dict[str, Any]:

@@ -89,7 +89,7 @@ class Standstill:
             self._mean, self._better = mean, self._evaluations
 
     def reasons(self, best_evaluation: int) -> dict[str, Any]:
-        """Why to stop, reason -> value.
+        """Reasons to stop, reason -> value.
 
         Args:
             best_evaluation: The number of the evaluation that found the best point.

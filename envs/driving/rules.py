@@ -57,7 +57,7 @@ FASTEST: Final = 400.0
 RAY_ANGLES: Final = tuple(math.radians(angle) for angle in range(-60, 61, 15))
 """Directions of the rays relative to the car's heading, from right to left (rad)."""
 RAY_LENGTH: Final = 100.0
-"""How far the rays see (m)."""
+"""Range of the rays (m)."""
 STARTS: Final = ("line", "random")
 REWARDS: Final = ("speed", "progress", "centred")
 """Rewards of a step on the road (km/h): the speed of the car; its speed along the road; the latter times

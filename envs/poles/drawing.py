@@ -58,7 +58,7 @@ class View:
 
     @property
     def fallen(self) -> tuple[bool, ...]:
-        """Which poles lean too far."""
+        """The poles that lean too far."""
         return tuple(not abs(angle) <= self.lean for angle in self.angles)
 
     @property

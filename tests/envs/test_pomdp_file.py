@@ -8,11 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
 import dpsearch.evaluate
-import dpsearch.train  # registers the schemas
+from dpsearch.config import completed, compose
 from dpsearch.envs import POMDP
 from dpsearch.envs.pomdp_file import POMDPVector
 from dpsearch.pomdp import PomdpFileError
@@ -125,11 +124,10 @@ def test_text_hides_what_it_is_asked_to_hide(tmp_path: Path) -> None:
 
 def test_the_discount_factor_is_that_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(FILES)
-    with initialize_config_module("dpsearch.configs", version_base="1.3"):
-        config = compose("train", overrides=["env=pomdp", "env.path=tiger.POMDP"])
-        assert (config.env.gamma, config.algo.gamma) == (0.95, 0.95)
-        assert config.env.file == str(TIGER)
-        assert compose("train", overrides=["env=pomdp", "env.path=x", "env.gamma=0.5"]).algo.gamma == 0.5
+    config = completed(*compose(["env=pomdp", "env.path=tiger.POMDP"]))
+    assert (config.env.gamma, config.algo.gamma) == (0.95, 0.95)
+    assert config.env.path == str(TIGER)
+    assert completed(*compose(["env=pomdp", "env.path=x", "env.gamma=0.5"])).algo.gamma == 0.5
 
 
 def test_a_run_can_be_resumed_and_played_from_anywhere(
@@ -143,7 +141,7 @@ def test_a_run_can_be_resumed_and_played_from_anywhere(
     outcome = train(f"resume={run}", "total_updates=4")
     assert outcome.code == 0, outcome.err
     config = OmegaConf.load(run / ".hydra" / "config.yaml")
-    assert (config.env.gamma, config.env.path, config.env.file) == (0.95, "tiger.POMDP", str(TIGER))
+    assert (config.env.gamma, config.env.path) == (0.95, str(TIGER))
     monkeypatch.chdir(FILES)
     assert train(*few, "total_updates=4", f"run_dir={tmp_path / 'other'}").code == 0
     assert metrics(run) == metrics(tmp_path / "other")
@@ -155,7 +153,7 @@ def test_a_run_can_be_resumed_and_played_from_anywhere(
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        (None, r"env\.path: .*missing"),
+        (None, r"error: env\.path must be given$"),
         ("none.POMDP", r"none\.POMDP: there is no such file"),
         ("bad.POMDP", r"bad\.POMDP, line 6: unknown state 'd': the states are a, b, c, or numbers from 0 to 2"),
         ("no_discount.POMDP", r"no_discount\.POMDP: discount: is missing"),

@@ -110,7 +110,7 @@ def test_weights_start_in_the_range_and_depend_on_the_seed_alone() -> None:
     ("options", "message"),
     [
         ({"core": "bogus"}, "core must be one of"),
-        ({"hidden_size": 0}, "hidden_size must be positive"),
+        ({"hidden_size": 0}, "hidden_size must be at least 1"),
         ({"init_range": -1.0}, "init_range must be finite and at least 0"),
         ({"init_range": float("nan")}, "init_range must be finite and at least 0"),
         ({"forget_bias": float("inf")}, "forget_bias must be finite"),

@@ -17,14 +17,14 @@ class RPGConfig:
     """Settings of RPG. The defaults are the thesis's best for the T-maze (section 3.4.2).
 
     Attributes:
-        batch_size: Episodes N of one update, if ``update_steps`` is not given; the thesis's standard elsewhere is 1.
+        batch_size: Episodes N of one update, if ``update_steps`` is not given; the thesis's standard is 1.
         batch_steps: If given, a batch has as many episodes as it takes to play about this many environment steps,
             judged by the mean length in the batch before (``batch_size`` is the least, 64 times that the most), so
             that the long episodes of an unskilled policy do not use up the time.
         update_steps: If given, learn online, from one continuing stream, with an update every so many steps, instead of
             from batches of whole episodes: for tasks that go on (section 3.4.4). See ``online.py``.
         gamma: Discount factor of the returns R_t, in (0, 1].
-        optimizer: Name of a class in ``torch.optim``, one of ``OPTIMIZERS``.
+        optimizer: Name of a class in ``torch.optim``: SGD, Adam, RMSprop, ...
         learning_rate: Step size alpha of the optimiser.
         learning_rate_halflife: Updates after which alpha has fallen to half; None keeps it.
         optimizer_options: Other arguments of the optimiser, such as ``{momentum: 0.9}``.
@@ -43,8 +43,8 @@ class RPGConfig:
         normalise_advantages: Divide advantages by their running root mean square, so that learning rate and
             ``entropy_bonus`` mean the same on every task. A batch is not scaled by itself alone: that would make rare
             disasters count for little.
-        advantage_memory: Decay of the running scale from batch to batch; 1 averages over all batches. With less, a
-            policy that has learned to avoid disasters unlearns it over trifles, which come to look large.
+        advantage_memory: Decay of the running scale of advantages from batch to batch; 1 averages over all batches. With
+            less, a policy that has learned to avoid disasters unlearns it over trifles, which come to look large.
         entropy_bonus: Weight of the entropy, summed over an episode's steps: keeps a policy from settling too early.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
         variance_scaled: Multiply a Gaussian policy's eligibilities by sigma^2 (section 3.4.1; Williams 1992): they stay
@@ -59,7 +59,7 @@ class RPGConfig:
             for each number of the flat observation, then for each of the action. See ``mirror.py``.
         restart_episodes: If given, learning begins again from other random weights whenever so many episodes did not
             improve the mean return: on some tasks most starts lead to a policy that is hard to improve.
-        restart_gain: Share of its size by which the mean discounted return has to rise within them; see ``Progress``.
+        restart_gain: Share of its size by which the mean discounted return has to rise within ``restart_episodes``.
     """
 
     batch_size: int = 20

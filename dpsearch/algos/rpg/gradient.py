@@ -21,7 +21,7 @@ from dpsearch.rollout import Episodes
 
 @dataclass(frozen=True)
 class Eligibilities:
-    """Where a gradient enters the graph that leads to the weights: call ``tensors.backward(gradients)``.
+    """The place where a gradient enters the graph that leads to the weights: call ``tensors.backward(gradients)``.
 
     Attributes:
         tensors: The outputs ``(T, N, K)``; or, where a compiled pass has gone through the read-out already, the

@@ -1,4 +1,4 @@
-"""Where the episodes of an update come from: batches of whole episodes, or, in ``online.py``, one continuing stream."""
+"""Sources of the episodes of an update: batches of whole episodes, or, in ``online.py``, one continuing stream."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Core(nn.Module, ABC):
         bias: Whether there are biases.
 
     Attributes:
-        words: The core in a table of results; ``{}`` stands for H.
+        words: Name of the core in tables of results; ``{}`` stands for H.
         blocks: Weight matrices of H rows that torch stacks: the gates, and what is written into the memory.
         states: Numbers of recurrent state for each unit.
         workspace: Rows of working memory for each unit, beside the inputs, that ``step`` needs.
@@ -107,7 +107,7 @@ class Core(nn.Module, ABC):
         return torch.zeros_like(self.weight_ih[:, 0])
 
     def places(self) -> dict[str, NDArray[np.intp]]:
-        """Where each parameter is in a policy's flat vector, which begins with the core's: indices of its shape."""
+        """Indices of each parameter, in its shape, in a policy's flat vector, which begins with the core's."""
         found, first = {}, 0
         for name, parameter in self.named_parameters():
             found[name] = np.arange(first, first + parameter.numel()).reshape(parameter.shape)

@@ -8,4 +8,7 @@
             lines     start       each          summed    (comments), merges equal distributions (pool)
 
     TabularPOMDP -> writer -> text
+
+A new statement begins in ``STATEMENTS`` (``tokens.py``); ``preamble.py`` reads headers and ``start``, ``statements.py``
+reads T, O and R, of which ``tables.py`` makes probabilities and rewards.
 """

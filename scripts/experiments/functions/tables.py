@@ -135,7 +135,7 @@ def by_dimension(args: Namespace, rows: list[Row]) -> list[Section]:
 
 
 def _factor(name: str, rows: list[Row]) -> list[Row]:
-    """How many times fewer evaluations NES needs with importance mixing; nothing if no run reaches the target."""
+    """The factor by which importance mixing saves NES evaluations; nothing if no run reaches the target."""
     found = {row.method: row for row in rows if row.metric == EVALUATIONS}
     mixing, fresh = (found.get(method.label) for method in (methods.NES, methods.NES_FRESH))
     if mixing is None or fresh is None or mixing.mean is None or fresh.mean is None:
