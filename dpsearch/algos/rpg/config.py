@@ -43,8 +43,8 @@ class RPGConfig:
         normalise_advantages: Divide advantages by their running root mean square, so that learning rate and
             ``entropy_bonus`` mean the same on every task. A batch is not scaled by itself alone: that would make rare
             disasters count for little.
-        advantage_memory: Decay of the running scale of advantages from batch to batch; 1 averages over all batches. With
-            less, a policy that has learned to avoid disasters unlearns it over trifles, which come to look large.
+        advantage_memory: Decay of the running scale of advantages from batch to batch; 1 averages over all batches.
+            With less, a policy that has learned to avoid disasters unlearns it over trifles, which come to look large.
         entropy_bonus: Weight of the entropy, summed over an episode's steps: keeps a policy from settling too early.
         entropy_halflife: Updates after which the bonus has fallen to half; None keeps it.
         variance_scaled: Multiply a Gaussian policy's eligibilities by sigma^2 (section 3.4.1; Williams 1992): they stay
