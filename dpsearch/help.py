@@ -27,8 +27,8 @@ SPELLING = {"None": "null", "True": "true", "False": "false"}
 GROUPS = {
     "algo": "what learns",
     "env": "the task",
-    "experiment": "settings behind a published result; only the command line overrides them",
-    "tuned": "settings of an algorithm for a task, taken unless ~tuned is given",
+    "experiment": "settings of a result; they override the others",
+    "tuned": "settings of an algorithm for a task, unless ~tuned",
 }
 
 
