@@ -118,7 +118,7 @@ class GymEngine(Rollouts):
         """
         check_fit(policy, self.observation_size, self._lanes.action_size)
         actor = LaneActor(policy, weights, self._lanes.width(len(numbers)), key, greedy)
-        game = _Game(self._lanes, actor, key, numbers, candidates, self.max_steps, self.on_error)
+        game = _Game(self._lanes, actor, key, numbers, candidates, self.max_steps, self.on_error, not self._looked_at)
         try:
             episodes = game.play(record)
             if not self._looked_at:
@@ -148,6 +148,7 @@ class _Game:
         candidates: NDArray[np.int64],
         max_steps: int,
         on_error: OnError,
+        measures: bool,
     ) -> None:
         n, width = len(numbers), lanes.width(len(numbers))
         self.failures = 0
@@ -156,7 +157,8 @@ class _Game:
         self._seeds, self._attempts = episode_seeds(key, numbers), np.ones(n, np.int64)
         self._returns, self._lengths, self._terminated = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
         self._recorder = _Recorder()
-        self.largest = np.zeros(lanes.observation_size, np.float32)  # size of each component of the observations
+        self._measures = measures
+        self.largest = np.zeros(lanes.observation_size, np.float32)  # size of each component, if it is measured
         self._job = np.where(np.arange(width) < n, np.arange(width), _IDLE)  # the episode that each lane plays
         shared = iter(range(width, n))
         self._following = [shared if lanes.restarts else iter(range(i + width, n, width)) for i in range(width)]
@@ -180,7 +182,8 @@ class _Game:
         """Play one step in the busy lanes; those whose episode ends take the next."""
         lanes, job = self._lanes, self._job
         observations = lanes.observations.copy()
-        np.maximum(self.largest, np.abs(observations[busy]).max(axis=0), out=self.largest)
+        if self._measures:
+            np.maximum(self.largest, np.abs(observations[busy]).max(axis=0), out=self.largest)
         actions = self._actor.act(observations)
         step = lanes.step(actions, busy)
         failed = dict(lanes.failures)
